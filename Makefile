@@ -1,0 +1,47 @@
+# Every target works on a fresh machine: the environment is made first, once.
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/.ready
+RUN := $(BIN)/python -m
+
+.PHONY: help train test test-all lint type arch simulate bench tensorboard wheel clean
+help:            ## list the targets
+	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 16
+
+# pip's own settings (index, find-links) decide between a CPU and a CUDA build of the pinned torch.
+$(READY): pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	touch $@
+
+train: $(READY)  ## make the environment, simulate a data set, train the LSTM on the rod's sensors
+	$(RUN) clearance.train model=lstm sensors=rod
+
+simulate: $(READY)  ## simulate 1000 runs with clearance in joint C
+	$(RUN) clearance.simulate runs=1000 seed=1 joint=C
+
+test: $(READY) lint type arch  ## everything that must pass before a change lands (under 10 minutes on two cores)
+	$(RUN) pytest -m 'not slow and not gpu'
+
+test-all: $(READY) lint type arch  ## the long checks too
+	$(RUN) pytest
+
+lint: $(READY)   ## style, imports, docstrings
+	$(BIN)/ruff check clearance tests
+	$(BIN)/ruff format --check clearance tests
+type: $(READY)   ## static types
+	$(RUN) mypy
+arch: $(READY)   ## layers: nothing imports upward
+	$(BIN)/lint-imports --no-cache
+
+bench: $(READY)  ## measure the simulator, beside Exudyn where it is installed (pip install '.[exudyn]')
+	$(RUN) clearance.bench
+
+tensorboard: $(READY)  ## look at the runs
+	$(BIN)/tensorboard --logdir outputs
+
+wheel: $(READY)  ## build clearance-*.whl, configurations included
+	$(BIN)/python -m pip wheel --quiet --no-deps -w dist .
+
+clean:           ## remove the environment and caches, keep outputs
+	rm -rf .venv dist .pytest_cache .mypy_cache .ruff_cache
