@@ -1,0 +1,55 @@
+"""A revolute joint: ideal without clearance, else a journal loose in a bearing."""
+
+from dataclasses import dataclass, field
+
+from clearance.mechanism.bearing import Round
+from clearance.mechanism.contact import ContactLaw, LankaraniNikravesh
+from clearance.mechanism.film import Dry
+from clearance.mechanism.friction import Frictionless
+from clearance.mechanism.parameters import Law, Parameter, require
+
+CLEARANCE_RANGE = (0.0, 2e-3)  # m; the paper studies up to 1e-3
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint and the laws that hold inside its clearance.
+
+    Attributes:
+        clearance: radial, 0 for the ideal joint [m].
+        journal_radius: [m]; the bearing is larger by the clearance.
+        contact: normal force law.
+        friction: tangential force law.
+        film: what fills the gap.
+        bearing: shape of the bore.
+    """
+
+    clearance: float = 0.0
+    journal_radius: float = 0.01
+    contact: ContactLaw = field(default_factory=LankaraniNikravesh)
+    friction: Law = field(default_factory=Frictionless)
+    film: Law = field(default_factory=Dry)
+    bearing: Law = field(default_factory=Round)
+
+    def __post_init__(self) -> None:
+        require(self, *CLEARANCE_RANGE, clearance=self.clearance)
+        require(self, strict=True, journal_radius=self.journal_radius)
+
+    @property
+    def loose(self) -> bool:
+        """Whether the joint has clearance."""
+        return self.clearance > 0.0
+
+    def numbers(self) -> dict[Parameter, float]:
+        """Entries of the joint's block, named as for joint B."""
+        if not self.loose:
+            return {}
+        return {
+            Parameter.JOINT_CLEARANCE: self.clearance,
+            Parameter.JOINT_STIFFNESS: self.contact.stiffness(self.journal_radius, self.clearance),
+            Parameter.JOINT_HYSTERESIS: self.contact.hysteresis,
+            Parameter.JOINT_JOURNAL_RADIUS: self.journal_radius,
+            **self.friction.numbers(),
+            **self.film.numbers(),
+            **self.bearing.numbers(),
+        }

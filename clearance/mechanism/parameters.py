@@ -1,0 +1,136 @@
+"""The one vector of numbers and the one vector of codes that the compiled step reads.
+
+``Parameter`` names each entry of the vector that a run carries; ``Family`` names each place where a law can
+be chosen. Both are documented here and nowhere else. A law writes its entries; only its own kernel reads them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from enum import IntEnum, auto
+from math import isfinite
+from typing import Any, ClassVar
+
+from clearance.errors import InputError
+
+
+class Parameter(IntEnum):
+    """Entries of the parameter vector, SI units."""
+
+    GRAVITY_X = 0  # m/s^2
+    GRAVITY_Y = auto()
+    CRANK_LENGTH = auto()  # m, from A to B
+    CRANK_MASS = auto()  # kg
+    CRANK_MOMENT = auto()  # kg m, mass times distance of the centre of mass from A
+    CRANK_INVERSE_INERTIA = auto()  # 1/(kg m^2), about A
+    ROD_MASS = auto()  # kg
+    ROD_INVERSE_MASS = auto()  # 1/kg
+    ROD_INVERSE_INERTIA = auto()  # 1/(kg m^2), about the centre of mass
+    ROD_TO_B = auto()  # m, from the centre of mass back to B
+    ROD_TO_C = auto()  # m, from the centre of mass on to C
+    SLIDER_MASS = auto()  # kg
+    SLIDER_INVERSE_MASS = auto()  # 1/kg
+    SLIDER_INVERSE_INERTIA = auto()  # 1/(kg m^2), 0 where the guide holds it straight
+    GUIDE_OFFSET = auto()  # m, height of the guide line above A
+    SENSOR_CRANK_A = auto()  # m, place of each link's sensors from the link's first joint
+    SENSOR_CRANK_B = auto()
+    SENSOR_ROD_B = auto()
+    SENSOR_ROD_C = auto()
+    # joint B, then joint C in the same order (see JOINT_STRIDE)
+    JOINT_CLEARANCE = auto()  # m, radial
+    JOINT_STIFFNESS = auto()  # N/m^1.5
+    JOINT_HYSTERESIS = auto()  # -, factor of penetration rate over approach speed
+    JOINT_JOURNAL_RADIUS = auto()  # m
+    JOINT_FRICTION = auto()  # -, Coulomb coefficient
+    JOINT_FRICTION_SPEED = auto()  # m/s, over which Coulomb's step is smoothed
+    JOINT_FILM_DAMPING = auto()  # N s/m, journal centred
+    JOINT_WEAR_AMPLITUDE = auto()  # m
+    JOINT_WEAR_ORDER = auto()  # -, lobes around the bearing
+    JOINT_WEAR_SINE = auto()  # -, of the wear's phase
+    JOINT_WEAR_COSINE = auto()
+    SECOND_JOINT = JOINT_WEAR_COSINE + 11  # last entry of joint C
+    GUIDE_GAP = auto()  # m, free travel on each side
+    GUIDE_STIFFNESS = auto()  # N/m
+    GUIDE_DAMPING = auto()  # N s/m
+    SHOE_HALF_LENGTH = auto()  # m
+    GUIDE_COULOMB = auto()  # N
+    GUIDE_VISCOUS = auto()  # N s/m
+    GUIDE_STRIBECK = auto()  # N
+    GUIDE_INVERSE_STRIBECK_SPEED = auto()  # s/m
+    GUIDE_FRICTION = auto()  # -, on the guide's reaction
+    GUIDE_FRICTION_SPEED = auto()  # m/s
+    ROD_MODE_STIFFNESS = auto()  # 1/s^2, squared angular frequency
+    ROD_MODE_DAMPING = auto()  # 1/s
+    ROD_MODE_COUPLING = auto()  # -, of the mode to the rod's translation
+    DRIVE_PROPORTIONAL = auto()  # N m s/rad
+    DRIVE_INTEGRAL_GAIN = auto()  # N m/rad
+    DRIVE_SPEED = auto()  # rad/s, reference (or no-load speed)
+    DRIVE_RAMP_RATE = auto()  # 1/s
+    RIPPLE_AMPLITUDE = auto()  # N m
+    RIPPLE_ORDER = auto()  # -, per revolution
+    RIPPLE_PHASE = auto()  # rad
+    SPRING_STIFFNESS = auto()  # N/m
+    SPRING_FREE = auto()  # m, slider position at which it is relaxed
+    PROCESS_FORCE = auto()  # N, towards -x
+    PROCESS_START = auto()  # m
+    PROCESS_END = auto()  # m
+    FRAME_STIFFNESS = auto()  # N/m
+    FRAME_DAMPING = auto()  # N s/m
+    FRAME_INVERSE_MASS_X = auto()  # 1/kg, of what moves along with the frame; 0 where it stands fast
+    FRAME_INVERSE_MASS_Y = auto()
+
+
+JOINT_STRIDE = 11  # entries a joint
+PARAMETERS = max(Parameter) + 1
+
+
+class Family(IntEnum):
+    """Places where a law is chosen; code 0 is the family's null member."""
+
+    JOINT_B = 0  # ideal, clearance
+    JOINT_C = auto()
+    FRICTION = auto()  # joints: frictionless, coulomb
+    FILM = auto()  # joints: dry, lubricated
+    BEARING = auto()  # joints: round, worn
+    GUIDE = auto()  # ideal, loose
+    GUIDE_FRICTION = auto()  # frictionless, stribeck
+    LINK = auto()  # rigid, flexible
+    DRIVE = auto()  # free, speed control, motor at constant voltage
+    RIPPLE = auto()  # smooth, harmonic
+    SPRING = auto()  # none, linear
+    PROCESS = auto()  # idle, constant over part of the stroke
+    FRAME = auto()  # fixed, flexible
+
+
+FAMILIES = len(Family)
+
+
+class Law:
+    """A member of a family: its code, and what it writes into the parameter vector."""
+
+    family: ClassVar[Family]
+    code: ClassVar[int]
+
+    def numbers(self) -> Mapping[Parameter, float]:
+        """Entries of the parameter vector, SI units."""
+        return {}
+
+
+def require(owner: Any, low: float = 0.0, high: float = float("inf"), strict: bool = False, **named: float) -> None:
+    """Check that numbers lie in [low, high] ((low, high] if ``strict``).
+
+    Raises:
+        InputError: with the value, the allowed range and the configuration key.
+    """
+    for name, value in named.items():
+        where = f"{type(owner).__name__}.{name}"
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise InputError(f"{where} = {value!r} is not a number")
+        if not isfinite(value) or value > high or value < low or (strict and value == low):
+            bounds = f"{'(' if strict else '['}{low:g}, {high:g}{']' if isfinite(high) else ')'}"
+            raise InputError(f"{where} = {value:g} is outside {bounds}; change the key that ends in {name!r}")
+
+
+def require_numbers(owner: Any) -> None:
+    """Check that every field of a parameter dataclass is a finite number (YAML does not check types)."""
+    for field in fields(owner):
+        require(owner, low=-float("inf"), **{field.name: getattr(owner, field.name)})

@@ -1,0 +1,505 @@
+"""The equations of motion, in textbook order.
+
+Kinematics -> gap -> normal force -> tangential force -> applied forces -> reactions of the ideal joints ->
+accelerations. Bodies are described in inertial coordinates, so that their mass matrix is (nearly) diagonal;
+the reactions of ideal joints follow from the condition that both sides of a joint accelerate alike (two
+equations a joint). ``project`` then removes what rounding and the scheme leave of the constraints: a constrained
+coordinate is computed from the free ones, never integrated.
+
+All functions take one run (1-D arrays) or ``WIDTH`` runs (2-D arrays), see ``clearance.lanes``. ``codes`` chooses the
+laws (``Family``) and is the same for all lanes; ``p`` is the parameter vector.
+"""
+
+from typing import Any
+
+from clearance.compilation import kernel, subroutine
+from clearance.lanes import arcsine, get, maximum, put, sine_cosine, square_root, where, zero
+from clearance.mechanism.bearing import worn_surface
+from clearance.mechanism.choice import chosen
+from clearance.mechanism.contact import APPROACH_FLOOR, normal_force
+from clearance.mechanism.drive import drive_torque, ripple_torque, speed_error
+from clearance.mechanism.film import film_damping
+from clearance.mechanism.friction import smoothed_sign
+from clearance.mechanism.guide import guide_friction, shoe_force
+from clearance.mechanism.load import process_force, spring_force
+from clearance.mechanism.parameters import JOINT_STRIDE, Family, Parameter
+from clearance.simulation.layout import Result, Signal, State
+
+_TINY = 1e-60  # m^2, added under the square root of a distance: a centred journal has no direction
+_REACTION_PASSES = 4  # of the fixed point between the guide's reaction and the friction it causes
+
+
+@kernel
+def _joint(
+    codes: Any,
+    p: Any,
+    block: int,
+    memory: Any,
+    ex: Any,
+    ey: Any,
+    vx: Any,
+    vy: Any,
+    journal_spin: Any,
+    bearing_spin: Any,
+    bearing_sine: Any,
+    bearing_cosine: Any,
+) -> Any:
+    """Forces inside a loose joint.
+
+    Args:
+        codes: chosen laws.
+        p: parameter vector.
+        block: offset of the joint's block.
+        memory: approach speed at first touch, 0 while apart [m/s].
+        ex: eccentricity, journal centre minus bearing centre [m]; likewise ``ey``.
+        vx: its rate [m/s]; likewise ``vy``.
+        journal_spin: angular speed of the journal's body [rad/s]; likewise ``bearing_spin``.
+        bearing_sine: sine of the bearing's body angle; likewise ``bearing_cosine``.
+
+    Returns:
+        Force on the journal (x, y) [N], moment on the journal's and on the bearing's body about the centres
+        [N m], penetration [m], its rate [m/s], normal force [N], new memory [m/s].
+    """
+    distance = square_root(ex * ex + ey * ey + _TINY)
+    inverse_distance = 1.0 / distance
+    nx, ny = ex * inverse_distance, ey * inverse_distance
+    clearance = get(p, block + Parameter.JOINT_CLEARANCE)
+    penetration = distance - clearance
+    rate = vx * nx + vy * ny
+    if chosen(codes, Family.BEARING) == 1:
+        penetration, nx, ny = worn_surface(p, block, ex, ey, distance, bearing_sine, bearing_cosine)
+        rate = (vx + bearing_spin * ey) * nx + (vy - bearing_spin * ex) * ny
+    approach = where(memory > 0.0, memory, maximum(rate, APPROACH_FLOOR))
+    normal = normal_force(
+        penetration,
+        rate,
+        approach,
+        get(p, block + Parameter.JOINT_STIFFNESS),
+        get(p, block + Parameter.JOINT_HYSTERESIS),
+    )
+    fx, fy = -normal * nx, -normal * ny
+    journal_moment, bearing_moment = zero(fx), zero(fx)
+    if chosen(codes, Family.FRICTION) == 1 or chosen(codes, Family.BEARING) == 1:
+        radius = get(p, block + Parameter.JOINT_JOURNAL_RADIUS)
+        if chosen(codes, Family.FRICTION) == 1:
+            arm = distance + radius
+            sliding = vy * nx - vx * ny + radius * journal_spin - arm * bearing_spin
+            direction = smoothed_sign(sliding, get(p, block + Parameter.JOINT_FRICTION_SPEED))
+            tangential = -get(p, block + Parameter.JOINT_FRICTION) * normal * direction
+            fx, fy = fx - tangential * ny, fy + tangential * nx
+        journal_moment = radius * (nx * fy - ny * fx)
+        bearing_moment = (ey + radius * ny) * fx - (ex + radius * nx) * fy
+    if chosen(codes, Family.FILM) == 1:
+        damping = film_damping(distance / clearance, get(p, block + Parameter.JOINT_FILM_DAMPING))
+        film_x, film_y = -damping * vx, -damping * vy
+        fx, fy = fx + film_x, fy + film_y
+        bearing_moment = bearing_moment + ey * film_x - ex * film_y
+    remembered = where(penetration > 0.0, approach, zero(approach))
+    return fx, fy, journal_moment, bearing_moment, penetration, rate, normal, remembered
+
+
+@kernel
+def _ground_response(
+    p: Any, inverse_inertia: Any, sine: Any, cosine: Any, fx: Any, fy: Any, torque: Any
+) -> Any:
+    """Acceleration of frame (x, y) and crank under forces on the frame and a torque on the crank.
+
+    The crank's pivot moves with the frame, which couples the three; where the frame stands fast its inverse
+    masses are zero and only the crank turns.
+    """
+    moment = get(p, Parameter.CRANK_MOMENT)
+    wx, wy = get(p, Parameter.FRAME_INVERSE_MASS_X), get(p, Parameter.FRAME_INVERSE_MASS_Y)
+    turn = (torque + moment * (sine * wx * fx - cosine * wy * fy)) * inverse_inertia
+    return wx * (fx + moment * sine * turn), wy * (fy - moment * cosine * turn), turn
+
+
+@kernel
+def _solve2(a: Any, b: Any, c: Any, x: Any, y: Any) -> Any:
+    """Solve [[a, b], [b, c]] u = [x, y]."""
+    inverse = 1.0 / (a * c - b * b)
+    return (c * x - b * y) * inverse, (a * y - b * x) * inverse
+
+
+@subroutine
+def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
+    """Fill ``r`` (rows ``Result``) from the state ``s`` (rows ``State``, projected).
+
+    The rows from ``Result.FORCE_B_X`` on, which no scheme needs, are left out where ``r`` has no room for them.
+    """
+    # kinematics
+    frame_x, frame_y = get(s, State.FRAME_X), get(s, State.FRAME_Y)
+    frame_vx, frame_vy = get(s, State.FRAME_X_RATE), get(s, State.FRAME_Y_RATE)
+    crank_speed, rod_speed = get(s, State.CRANK_SPEED), get(s, State.ROD_SPEED)
+    rod_vx, rod_vy = get(s, State.ROD_X_RATE), get(s, State.ROD_Y_RATE)
+    slider_x, slider_y = get(s, State.SLIDER_X), get(s, State.SLIDER_Y)
+    slider_vx, slider_vy = get(s, State.SLIDER_X_RATE), get(s, State.SLIDER_Y_RATE)
+    sine, cosine = get(s, State.CRANK_SINE), get(s, State.CRANK_COSINE)
+    rod_sine, rod_cosine = get(s, State.ROD_SINE), get(s, State.ROD_COSINE)
+    gravity_x, gravity_y = get(p, Parameter.GRAVITY_X), get(p, Parameter.GRAVITY_Y)
+    crank_length, crank_moment = get(p, Parameter.CRANK_LENGTH), get(p, Parameter.CRANK_MOMENT)
+    to_b, to_c = get(p, Parameter.ROD_TO_B), get(p, Parameter.ROD_TO_C)
+    inverse_mass = get(p, Parameter.ROD_INVERSE_MASS)
+    inverse_rod_inertia = get(p, Parameter.ROD_INVERSE_INERTIA)
+    inverse_slider_mass = get(p, Parameter.SLIDER_INVERSE_MASS)
+    held = chosen(codes, Family.GUIDE) == 0
+    loose_b, loose_c = chosen(codes, Family.JOINT_B) == 1, chosen(codes, Family.JOINT_C) == 1
+    framed = chosen(codes, Family.FRAME) == 1
+    nothing = zero(crank_speed)
+
+    # gap and forces of the loose joints
+    force_bx, force_by = nothing, nothing
+    force_cx, force_cy = nothing, nothing
+    crank_torque, rod_moment, slider_moment = nothing, nothing, nothing
+    if loose_b:
+        ex = frame_x + crank_length * cosine - get(s, State.ROD_X) + to_b * rod_cosine
+        ey = frame_y + crank_length * sine - get(s, State.ROD_Y) + to_b * rod_sine
+        vx = frame_vx - crank_length * crank_speed * sine - rod_vx - to_b * rod_speed * rod_sine
+        vy = frame_vy + crank_length * crank_speed * cosine - rod_vy + to_b * rod_speed * rod_cosine
+        memory = get(s, State.MEMORY_B)
+        force_bx, force_by, crank_torque, rod_moment, penetration, rate, normal, remembered = _joint(
+            codes, p, 0, memory, ex, ey, vx, vy, crank_speed, rod_speed, rod_sine, rod_cosine
+        )
+        put(r, Result.PENETRATION_B, penetration)
+        put(r, Result.PENETRATION_RATE_B, rate)
+        put(r, Result.NORMAL_FORCE_B, normal)
+        put(r, Result.MEMORY_B, remembered)
+    if loose_c:
+        ex = get(s, State.ROD_X) + to_c * rod_cosine - slider_x
+        ey = get(s, State.ROD_Y) + to_c * rod_sine - slider_y
+        vx = rod_vx - to_c * rod_speed * rod_sine - slider_vx
+        vy = rod_vy + to_c * rod_speed * rod_cosine - slider_vy
+        memory = get(s, State.MEMORY_C)
+        slider_sine, slider_cosine = nothing, nothing + 1.0
+        if not held and chosen(codes, Family.BEARING) == 1:
+            slider_sine, slider_cosine = sine_cosine(get(s, State.SLIDER_ANGLE))
+        slider_speed = get(s, State.SLIDER_SPEED)
+        force_cx, force_cy, moment, slider_moment, penetration, rate, normal, remembered = _joint(
+            codes, p, JOINT_STRIDE, memory, ex, ey, vx, vy, rod_speed, slider_speed, slider_sine, slider_cosine
+        )
+        rod_moment = rod_moment + moment
+        put(r, Result.PENETRATION_C, penetration)
+        put(r, Result.PENETRATION_RATE_C, rate)
+        put(r, Result.NORMAL_FORCE_C, normal)
+        put(r, Result.MEMORY_C, remembered)
+
+    # applied forces: drive, loads, guide, frame, gravity
+    error = nothing
+    torque = nothing
+    if chosen(codes, Family.DRIVE) == 1:
+        error = speed_error(p, get(s, State.TIME), crank_speed)
+        torque = drive_torque(p, error, get(s, State.DRIVE_INTEGRAL))
+    if chosen(codes, Family.RIPPLE) == 1:
+        torque = torque + ripple_torque(p, get(s, State.CRANK_ANGLE))
+    put(r, Result.SPEED_ERROR, error)
+    put(r, Result.DRIVE_TORQUE, torque)
+    crank_torque = crank_torque + torque + crank_moment * (cosine * gravity_y - sine * gravity_x)
+    if loose_b:
+        crank_torque = crank_torque + crank_length * (cosine * force_by - sine * force_bx)
+    load = nothing
+    if chosen(codes, Family.SPRING) == 1:
+        load = load + spring_force(p, slider_x - frame_x)
+    if chosen(codes, Family.PROCESS) == 1:
+        load = load + process_force(p, slider_x - frame_x)
+    # the spring and the process are held by the frame, which feels their reaction
+    frame_fx, frame_fy = nothing, nothing
+    if framed:
+        spin2 = crank_moment * crank_speed * crank_speed
+        mass = get(p, Parameter.CRANK_MASS)
+        stiffness, damping = get(p, Parameter.FRAME_STIFFNESS), get(p, Parameter.FRAME_DAMPING)
+        frame_fx = spin2 * cosine + mass * gravity_x + force_bx - stiffness * frame_x - damping * frame_vx - load
+        frame_fy = spin2 * sine + mass * gravity_y + force_by - stiffness * frame_y - damping * frame_vy
+    slider_fx = load - force_cx + get(p, Parameter.SLIDER_MASS) * gravity_x
+    slider_fy = -force_cy + get(p, Parameter.SLIDER_MASS) * gravity_y
+    reaction = -slider_fy
+    if not held:
+        half = get(p, Parameter.SHOE_HALF_LENGTH)
+        tilt_sine, tilt_cosine = sine_cosine(get(s, State.SLIDER_ANGLE))
+        height = slider_y - frame_y - get(p, Parameter.GUIDE_OFFSET)
+        lift, spin = slider_vy - frame_vy, get(s, State.SLIDER_SPEED)
+        front = shoe_force(p, height + half * tilt_sine, lift + half * tilt_cosine * spin)
+        back = shoe_force(p, height - half * tilt_sine, lift - half * tilt_cosine * spin)
+        reaction = front + back
+        slider_fy = slider_fy + reaction
+        frame_fy = frame_fy - reaction
+        slider_moment = slider_moment + half * tilt_cosine * (front - back)
+
+    # rod: forces of the loose joints, weight, inertial terms of its bending
+    rod_mass = get(p, Parameter.ROD_MASS)
+    rod_fx, rod_fy = force_cx - force_bx + rod_mass * gravity_x, force_cy - force_by + rod_mass * gravity_y
+    if loose_b:
+        rod_moment = rod_moment + to_b * (rod_cosine * force_by - rod_sine * force_bx)
+    if loose_c:
+        rod_moment = rod_moment + to_c * (rod_cosine * force_cy - rod_sine * force_cx)
+    inverse_transverse_mass = inverse_mass
+    mode_push = nothing
+    if chosen(codes, Family.LINK) == 1:
+        coupling = get(p, Parameter.ROD_MODE_COUPLING)
+        mode, mode_rate = get(s, State.ROD_MODE), get(s, State.ROD_MODE_RATE)
+        inertial = coupling * rod_speed * rod_mass
+        along, across = 2.0 * inertial * mode_rate, inertial * rod_speed * mode
+        rod_fx = rod_fx + along * rod_cosine - across * rod_sine
+        rod_fy = rod_fy + along * rod_sine + across * rod_cosine
+        # modal force over half the mass: springs, centrifugal softening, weight
+        mode_push = (
+            (rod_speed * rod_speed - get(p, Parameter.ROD_MODE_STIFFNESS)) * mode
+            - get(p, Parameter.ROD_MODE_DAMPING) * mode_rate
+            + 2.0 * coupling * (rod_cosine * gravity_y - rod_sine * gravity_x)
+        )
+        inverse_transverse_mass = inverse_mass / (1.0 - 2.0 * coupling * coupling)
+    extra = inverse_transverse_mass - inverse_mass
+
+    # mobilities: accelerations of the joints' two sides per unit of reaction
+    inverse_inertia = get(p, Parameter.CRANK_INVERSE_INERTIA)
+    if framed:
+        wx, wy = get(p, Parameter.FRAME_INVERSE_MASS_X), get(p, Parameter.FRAME_INVERSE_MASS_Y)
+        coupled = wx * sine * sine + wy * cosine * cosine
+        inverse_inertia = inverse_inertia / (1.0 - crank_moment * crank_moment * coupled * inverse_inertia)
+    b_xx, b_xy, b_yy = nothing, nothing, nothing
+    c_xx, c_xy, c_yy = nothing, nothing, nothing
+    bc_xy, bc_yy = nothing, nothing
+    if not loose_b:
+        if framed:
+            ax, ay, turn = _ground_response(
+                p, inverse_inertia, sine, cosine, nothing + 1.0, nothing, -crank_length * sine
+            )
+            b_xx, b_xy = ax - crank_length * sine * turn, ay + crank_length * cosine * turn
+            ax, ay, turn = _ground_response(
+                p, inverse_inertia, sine, cosine, nothing, nothing + 1.0, crank_length * cosine
+            )
+            b_yy = ay + crank_length * cosine * turn
+        else:
+            share = crank_length * crank_length * inverse_inertia
+            b_xx, b_xy, b_yy = share * sine * sine, -share * sine * cosine, share * cosine * cosine
+        swing = extra + to_b * to_b * inverse_rod_inertia
+        b_xx = b_xx + inverse_mass + swing * rod_sine * rod_sine
+        b_xy = b_xy - swing * rod_sine * rod_cosine
+        b_yy = b_yy + inverse_mass + swing * rod_cosine * rod_cosine
+    if not loose_c:
+        swing = extra + to_c * to_c * inverse_rod_inertia
+        c_xx = inverse_slider_mass + inverse_mass + swing * rod_sine * rod_sine
+        c_xy = -swing * rod_sine * rod_cosine
+        c_yy = inverse_mass + swing * rod_cosine * rod_cosine
+        if not held:
+            c_yy = c_yy + inverse_slider_mass
+        elif framed:
+            ax, ay, turn = _ground_response(p, inverse_inertia, sine, cosine, nothing, nothing + 1.0, nothing)
+            c_yy = c_yy + ay
+            bc_xy, bc_yy = ax - crank_length * sine * turn, ay + crank_length * cosine * turn
+
+    # accelerations without reactions, the reactions, accelerations; friction on the guide's own reaction
+    # needs that reaction, which needs the friction: a few passes, since the coefficient is small
+    passes = 1
+    if chosen(codes, Family.GUIDE_FRICTION) == 1 and held and (framed or not loose_c):
+        passes = _REACTION_PASSES
+    spin2 = crank_length * crank_speed * crank_speed
+    rod_spin2 = rod_speed * rod_speed
+    friction = nothing
+    frame_ax, frame_ay, crank_turn = nothing, nothing, nothing
+    rod_ax, rod_ay, rod_turn, mode_acceleration = nothing, nothing, nothing, nothing
+    slider_ax, slider_ay = nothing, nothing
+    reaction_bx, reaction_by, reaction_cx, reaction_cy = force_bx, force_by, force_cx, force_cy
+    for _ in range(passes):
+        if chosen(codes, Family.GUIDE_FRICTION) == 1:
+            friction = guide_friction(p, slider_vx - frame_vx, reaction)
+        fx, fy = frame_fx - friction, frame_fy
+        if held:
+            fy = fy + slider_fy
+        if framed:
+            frame_ax, frame_ay, crank_turn = _ground_response(
+                p, inverse_inertia, sine, cosine, fx, fy, crank_torque
+            )
+        else:
+            crank_turn = crank_torque * inverse_inertia
+        across = rod_fy * rod_cosine - rod_fx * rod_sine
+        if chosen(codes, Family.LINK) == 1:
+            coupling = get(p, Parameter.ROD_MODE_COUPLING)
+            sideways = extra * across - inverse_transverse_mass * rod_mass * coupling * mode_push
+        else:
+            sideways = nothing
+        rod_ax = inverse_mass * rod_fx - sideways * rod_sine
+        rod_ay = inverse_mass * rod_fy + sideways * rod_cosine
+        rod_turn = rod_moment * inverse_rod_inertia
+        slider_ax = (slider_fx + friction) * inverse_slider_mass
+        slider_ay = frame_ay if held else slider_fy * inverse_slider_mass
+        # relative accelerations of the ideal joints' two sides
+        bx, by, cx, cy = nothing, nothing, nothing, nothing
+        if not loose_b:
+            bx = frame_ax - crank_length * sine * crank_turn - spin2 * cosine
+            by = frame_ay + crank_length * cosine * crank_turn - spin2 * sine
+            bx = bx - rod_ax - to_b * (rod_sine * rod_turn + rod_spin2 * rod_cosine)
+            by = by - rod_ay + to_b * (rod_cosine * rod_turn - rod_spin2 * rod_sine)
+        if not loose_c:
+            cx = rod_ax - to_c * (rod_sine * rod_turn + rod_spin2 * rod_cosine) - slider_ax
+            cy = rod_ay + to_c * (rod_cosine * rod_turn - rod_spin2 * rod_sine) - slider_ay
+        pull_bx, pull_by, pull_cx, pull_cy = nothing, nothing, nothing, nothing
+        if not loose_b and loose_c:
+            pull_bx, pull_by = _solve2(b_xx, b_xy, b_yy, -bx, -by)
+        elif loose_b and not loose_c:
+            pull_cx, pull_cy = _solve2(c_xx, c_xy, c_yy, -cx, -cy)
+        elif not loose_b and not loose_c:
+            # both ideal: eliminate B from [[B, X], [X', C]]; the rod carries B's reaction to C
+            link = extra - to_b * to_c * inverse_rod_inertia
+            x_xx = -inverse_mass - link * rod_sine * rod_sine
+            x_off = link * rod_sine * rod_cosine
+            x_xy, x_yx = x_off - bc_xy, x_off
+            x_yy = -inverse_mass - link * rod_cosine * rod_cosine - bc_yy
+            u_xx, u_yx = _solve2(b_xx, b_xy, b_yy, x_xx, x_yx)
+            u_xy, u_yy = _solve2(b_xx, b_xy, b_yy, x_xy, x_yy)
+            zx, zy = _solve2(b_xx, b_xy, b_yy, bx, by)
+            pull_cx, pull_cy = _solve2(
+                c_xx - x_xx * u_xx - x_yx * u_yx,
+                c_xy - x_xx * u_xy - x_yx * u_yy,
+                c_yy - x_xy * u_xy - x_yy * u_yy,
+                x_xx * zx + x_yx * zy - cx,
+                x_xy * zx + x_yy * zy - cy,
+            )
+            pull_bx = -zx - u_xx * pull_cx - u_xy * pull_cy
+            pull_by = -zy - u_yx * pull_cx - u_yy * pull_cy
+        # add what the reactions do
+        if not loose_b or not loose_c:
+            lever = crank_length * (cosine * pull_by - sine * pull_bx)
+            if framed:
+                fy = pull_by
+                if held:
+                    fy = fy - pull_cy
+                ax, ay, turn = _ground_response(p, inverse_inertia, sine, cosine, pull_bx, fy, lever)
+                frame_ax, frame_ay, crank_turn = frame_ax + ax, frame_ay + ay, crank_turn + turn
+            else:
+                crank_turn = crank_turn + lever * inverse_inertia
+            fx, fy = pull_cx - pull_bx, pull_cy - pull_by
+            sideways = extra * (fy * rod_cosine - fx * rod_sine)
+            across = across + fy * rod_cosine - fx * rod_sine
+            rod_ax = rod_ax + inverse_mass * fx - sideways * rod_sine
+            rod_ay = rod_ay + inverse_mass * fy + sideways * rod_cosine
+            swing = to_b * (rod_cosine * pull_by - rod_sine * pull_bx)
+            swing = swing + to_c * (rod_cosine * pull_cy - rod_sine * pull_cx)
+            rod_turn = rod_turn + swing * inverse_rod_inertia
+            slider_ax = slider_ax - pull_cx * inverse_slider_mass
+            slider_ay = frame_ay if held else slider_ay - pull_cy * inverse_slider_mass
+        if chosen(codes, Family.LINK) == 1:
+            sideways = rod_ay * rod_cosine - rod_ax * rod_sine
+            mode_acceleration = mode_push - 2.0 * get(p, Parameter.ROD_MODE_COUPLING) * sideways
+        reaction_bx, reaction_by = force_bx + pull_bx, force_by + pull_by
+        reaction_cx, reaction_cy = force_cx + pull_cx, force_cy + pull_cy
+        if held:
+            reaction = get(p, Parameter.SLIDER_MASS) * (slider_ay - gravity_y) + reaction_cy
+    put(r, Result.FRAME_X, frame_ax)
+    put(r, Result.FRAME_Y, frame_ay)
+    put(r, Result.CRANK, crank_turn)
+    put(r, Result.ROD_X, rod_ax)
+    put(r, Result.ROD_Y, rod_ay)
+    put(r, Result.ROD, rod_turn)
+    put(r, Result.SLIDER_X, slider_ax)
+    put(r, Result.SLIDER_Y, slider_ay)
+    put(r, Result.SLIDER, slider_moment * get(p, Parameter.SLIDER_INVERSE_INERTIA))
+    put(r, Result.ROD_MODE, mode_acceleration)
+    if r.shape[0] > Result.FORCE_B_X:
+        put(r, Result.FORCE_B_X, reaction_bx)
+        put(r, Result.FORCE_B_Y, reaction_by)
+        put(r, Result.FORCE_C_X, reaction_cx)
+        put(r, Result.FORCE_C_Y, reaction_cy)
+        put(r, Result.GUIDE_REACTION, reaction)
+        put(r, Result.GUIDE_FRICTION, friction)
+        put(r, Result.LOAD, load)
+
+
+@subroutine
+def project(codes: Any, p: Any, s: Any) -> None:
+    """Compute the constrained coordinates and rates of ``s`` from the free ones, and the angles' sines.
+
+    Free are: the frame where it is sprung; the crank's angle; of rod and slider what the joints leave. A rod
+    on an ideal joint takes its place from that joint; with both joints ideal and an ideal guide, the rod's angle
+    and the slider follow from the crank in closed form.
+    """
+    sine, cosine = sine_cosine(get(s, State.CRANK_ANGLE))
+    put(s, State.CRANK_SINE, sine)
+    put(s, State.CRANK_COSINE, cosine)
+    crank_speed = get(s, State.CRANK_SPEED)
+    nothing = zero(crank_speed)
+    frame_x, frame_y = get(s, State.FRAME_X), get(s, State.FRAME_Y)
+    frame_vx, frame_vy = get(s, State.FRAME_X_RATE), get(s, State.FRAME_Y_RATE)
+    crank_length = get(p, Parameter.CRANK_LENGTH)
+    to_b, to_c = get(p, Parameter.ROD_TO_B), get(p, Parameter.ROD_TO_C)
+    held = chosen(codes, Family.GUIDE) == 0
+    loose_b, loose_c = chosen(codes, Family.JOINT_B) == 1, chosen(codes, Family.JOINT_C) == 1
+    offset = get(p, Parameter.GUIDE_OFFSET)
+    if held:  # at rest with the frame: written at every step only where that moves
+        put(s, State.SLIDER_Y, frame_y + offset)
+        put(s, State.SLIDER_Y_RATE, frame_vy)
+        put(s, State.SLIDER_ANGLE, nothing)
+        put(s, State.SLIDER_SPEED, nothing)
+    bx, by = frame_x + crank_length * cosine, frame_y + crank_length * sine
+    bvx = frame_vx - crank_length * sine * crank_speed
+    bvy = frame_vy + crank_length * cosine * crank_speed
+    if held and not loose_b and not loose_c:
+        length = to_b + to_c
+        rod_sine = (frame_y + offset - by) / length
+        rod_cosine = square_root(1.0 - rod_sine * rod_sine)
+        rod_speed = (frame_vy - bvy) / (length * rod_cosine)
+        put(s, State.ROD_ANGLE, arcsine(rod_sine))
+        put(s, State.ROD_SPEED, rod_speed)
+    else:
+        rod_sine, rod_cosine = sine_cosine(get(s, State.ROD_ANGLE))
+        rod_speed = get(s, State.ROD_SPEED)
+    put(s, State.ROD_SINE, rod_sine)
+    put(s, State.ROD_COSINE, rod_cosine)
+    if not loose_b:
+        put(s, State.ROD_X, bx + to_b * rod_cosine)
+        put(s, State.ROD_Y, by + to_b * rod_sine)
+        put(s, State.ROD_X_RATE, bvx - to_b * rod_sine * rod_speed)
+        put(s, State.ROD_Y_RATE, bvy + to_b * rod_cosine * rod_speed)
+        if not loose_c:
+            length = to_b + to_c
+            put(s, State.SLIDER_X, bx + length * rod_cosine)
+            put(s, State.SLIDER_X_RATE, bvx - length * rod_sine * rod_speed)
+            if not held:
+                put(s, State.SLIDER_Y, by + length * rod_sine)
+                put(s, State.SLIDER_Y_RATE, bvy + length * rod_cosine * rod_speed)
+    elif not loose_c:
+        put(s, State.ROD_X, get(s, State.SLIDER_X) - to_c * rod_cosine)
+        put(s, State.ROD_Y, get(s, State.SLIDER_Y) - to_c * rod_sine)
+        put(s, State.ROD_X_RATE, get(s, State.SLIDER_X_RATE) + to_c * rod_sine * rod_speed)
+        put(s, State.ROD_Y_RATE, get(s, State.SLIDER_Y_RATE) - to_c * rod_cosine * rod_speed)
+
+
+@subroutine
+def sense(codes: Any, p: Any, s: Any, r: Any, y: Any, row: int) -> None:
+    """Write what ideal sensors feel (rows ``Signal``) into ``y`` from row ``row`` on.
+
+    Accelerometers feel acceleration minus gravity, in the axes of their body: axial from the link's first to its
+    second joint, transverse a quarter turn further.
+    """
+    gravity_x, gravity_y = get(p, Parameter.GRAVITY_X), get(p, Parameter.GRAVITY_Y)
+    sine, cosine = get(s, State.CRANK_SINE), get(s, State.CRANK_COSINE)
+    speed = get(s, State.CRANK_SPEED)
+    turn = get(r, Result.CRANK)
+    ax, ay = get(r, Result.FRAME_X) - gravity_x, get(r, Result.FRAME_Y) - gravity_y
+    across, along = ay * cosine - ax * sine, ax * cosine + ay * sine
+    place = get(p, Parameter.SENSOR_CRANK_A)
+    put(y, row + Signal.CRANK_A_TRANSVERSE, across + place * turn)
+    put(y, row + Signal.CRANK_A_AXIAL, along - place * speed * speed)
+    place = get(p, Parameter.SENSOR_CRANK_B)
+    put(y, row + Signal.CRANK_B_TRANSVERSE, across + place * turn)
+    put(y, row + Signal.CRANK_B_AXIAL, along - place * speed * speed)
+    sine, cosine = get(s, State.ROD_SINE), get(s, State.ROD_COSINE)
+    speed = get(s, State.ROD_SPEED)
+    turn = get(r, Result.ROD)
+    ax, ay = get(r, Result.ROD_X) - gravity_x, get(r, Result.ROD_Y) - gravity_y
+    across, along = ay * cosine - ax * sine, ax * cosine + ay * sine
+    place = get(p, Parameter.SENSOR_ROD_B) - get(p, Parameter.ROD_TO_B)
+    put(y, row + Signal.ROD_B_TRANSVERSE, across + place * turn)
+    put(y, row + Signal.ROD_B_AXIAL, along - place * speed * speed)
+    place = get(p, Parameter.SENSOR_ROD_C) - get(p, Parameter.ROD_TO_B)
+    put(y, row + Signal.ROD_C_TRANSVERSE, across + place * turn)
+    put(y, row + Signal.ROD_C_AXIAL, along - place * speed * speed)
+    ax, ay = get(r, Result.SLIDER_X) - gravity_x, get(r, Result.SLIDER_Y) - gravity_y
+    if chosen(codes, Family.GUIDE) == 1:
+        sine, cosine = sine_cosine(get(s, State.SLIDER_ANGLE))
+        ax, ay = ax * cosine + ay * sine, ay * cosine - ax * sine
+    put(y, row + Signal.SLIDER_VERTICAL, ay)
+    put(y, row + Signal.SLIDER_HORIZONTAL, ax)
+    put(y, row + Signal.CRANK_ANGLE, get(s, State.CRANK_ANGLE))
+    put(y, row + Signal.CRANK_SPEED, get(s, State.CRANK_SPEED))
+    put(y, row + Signal.DRIVE_TORQUE, get(r, Result.DRIVE_TORQUE))
+    put(y, row + Signal.SLIDER_POSITION, get(s, State.SLIDER_X) - get(s, State.FRAME_X))
+    put(y, row + Signal.SLIDER_VELOCITY, get(s, State.SLIDER_X_RATE) - get(s, State.FRAME_X_RATE))
