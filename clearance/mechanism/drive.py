@@ -1,6 +1,6 @@
 """What turns the crank: a torque from its speed and the speed error's integral, and the torque's ripple."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 from typing import Any, ClassVar
 
@@ -29,16 +29,29 @@ def ripple_torque(p: Any, angle: Any) -> Any:
     return get(p, Parameter.RIPPLE_AMPLITUDE) * cosine
 
 
-@dataclass(frozen=True)
-class Free(Law):
-    """No torque: the crank runs out."""
+class Drive(Law):
+    """What every drive can do."""
 
     family: ClassVar[Family] = Family.DRIVE
-    code: ClassVar[int] = 0
+
+    def at_speed(self, speed_rpm: float) -> "Drive":
+        """The same drive set to another speed [rpm]."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class SpeedControl(Law):
+class Free(Drive):
+    """No torque: the crank runs out."""
+
+    code: ClassVar[int] = 0
+
+    def at_speed(self, speed_rpm: float) -> "Free":
+        """The same: nothing sets the speed."""
+        return self
+
+
+@dataclass(frozen=True)
+class SpeedControl(Drive):
     """A proportional-integral controller follows a speed that ramps up and stays; the nominal drive.
 
     Attributes:
@@ -53,12 +66,15 @@ class SpeedControl(Law):
     integral: float = 200.0
     ramp: float = 0.5
 
-    family: ClassVar[Family] = Family.DRIVE
     code: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
         require(self, -2e4, 2e4, speed_rpm=self.speed_rpm)
         require(self, proportional=self.proportional, integral=self.integral, ramp=self.ramp)
+
+    def at_speed(self, speed_rpm: float) -> "SpeedControl":
+        """The same controller with another reference [rpm]."""
+        return replace(self, speed_rpm=speed_rpm)
 
     def numbers(self) -> dict[Parameter, float]:
         """Entries of the parameter vector."""
@@ -71,7 +87,7 @@ class SpeedControl(Law):
 
 
 @dataclass(frozen=True)
-class DirectCurrentMotor(Law):
+class DirectCurrentMotor(Drive):
     """A motor at constant voltage: torque falls linearly from stall to the no-load speed, so its speed sags.
 
     T = T_stall (1 - omega / omega_0). Reference: Hughes & Drury, Electric Motors and Drives, ch. 3.
@@ -84,11 +100,14 @@ class DirectCurrentMotor(Law):
     stall_torque: float = 1.0
     no_load_rpm: float = 700.0
 
-    family: ClassVar[Family] = Family.DRIVE
     code: ClassVar[int] = 1  # the controller's kernel with Ki = 0 and no ramp
 
     def __post_init__(self) -> None:
         require(self, strict=True, stall_torque=self.stall_torque, no_load_rpm=self.no_load_rpm)
+
+    def at_speed(self, speed_rpm: float) -> "DirectCurrentMotor":
+        """The same motor at the voltage of another no-load speed [rpm]."""
+        return replace(self, no_load_rpm=speed_rpm)
 
     def numbers(self) -> dict[Parameter, float]:
         """Entries of the parameter vector."""

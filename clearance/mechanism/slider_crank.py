@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from clearance.errors import InputError
-from clearance.mechanism.drive import Smooth, SpeedControl
+from clearance.mechanism.drive import Drive, Smooth, SpeedControl
 from clearance.mechanism.frame import FixedFrame, FlexibleFrame
 from clearance.mechanism.guide import FrictionlessGuide, IdealGuide
 from clearance.mechanism.joint import Joint
@@ -65,7 +65,7 @@ class SliderCrank:
     guide: Law = field(default_factory=IdealGuide)
     guide_friction: Law = field(default_factory=FrictionlessGuide)
     link: Law = field(default_factory=RigidRod)
-    drive: Law = field(default_factory=SpeedControl)
+    drive: Drive = field(default_factory=SpeedControl)
     ripple: Law = field(default_factory=Smooth)
     spring: Law = field(default_factory=NoSpring)
     process: Law = field(default_factory=Idle)

@@ -1,0 +1,85 @@
+"""Estimate the clearance of recordings: ``python -m clearance.predict checkpoint=RUN 'recordings=[a.parquet]'``."""
+
+import logging
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig
+
+from clearance.commands import command
+from clearance.errors import InputError
+from clearance.models.gauge import Estimate, Gauge
+from clearance.models.run_folder import CONFIG, read_yaml, write_json
+from clearance.models.trusted import instantiate_trusted
+from clearance.recording.files import read
+
+log = logging.getLogger(__name__)
+
+
+@command("predict")
+def main(cfg: DictConfig) -> None:
+    """Read the gauge and the recordings, estimate each, show a table and write ``predictions.json``."""
+    folder = Path(cfg.checkpoint)
+    gauge = load_gauge(folder)
+    if not cfg.recordings:
+        raise InputError("recordings=[]: at least one file is needed; set recordings")
+    estimates = {str(path): estimate_file(gauge, Path(path)) for path in cfg.recordings}
+    output = Path(cfg.output)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    write_json(output, [{"path": path, **asdict(estimate)} for path, estimate in estimates.items()])
+    sys.stdout.write(table(estimates, gauge.interval.coverage))
+    log.info("written to %s", output)
+
+
+def load_gauge(folder: Path) -> Gauge:
+    """The gauge that ``clearance.train`` left in ``folder``."""
+    config = read_yaml(folder / CONFIG)
+    model: Any = (config or {}).get("model")
+    if not isinstance(model, dict):
+        raise InputError(
+            f"checkpoint={folder}: no configuration of a model there; set checkpoint to a training's folder"
+        )
+    return Gauge.load(instantiate_trusted(model, str(folder / CONFIG)), folder)
+
+
+def estimate_file(gauge: Gauge, path: Path) -> Estimate:
+    """Estimate one file; errors name it."""
+    recording = read(path)
+    missing = [name for name in gauge.channels if name not in recording.channels]
+    if missing:
+        raise InputError(
+            f"{path}: lacks the channels {missing}: the model reads {list(gauge.channels)}; name them in the YAML "
+            "beside the file, or train with sensors that are there"
+        )
+    try:
+        return gauge.estimate(recording.select(gauge.channels).values, recording.rate)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def table(estimates: dict[str, Estimate], coverage: float) -> str:
+    """Millimetres for people, one line a recording."""
+    head = ("recording", "clearance mm", f"{coverage:.0%} interval mm", "spread mm", "windows", "trusted")
+    rows = [
+        (
+            path,
+            f"{one.clearance_m * 1e3:.4f}",
+            f"{one.low_m * 1e3:.4f} - {one.high_m * 1e3:.4f}",
+            f"{one.spread_m * 1e3:.4f}",
+            str(one.windows),
+            "yes" if one.trusted else f"no: {one.reason}",
+        )
+        for path, one in estimates.items()
+    ]
+    widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in [head, *rows]
+    ]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    main()

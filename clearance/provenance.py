@@ -1,0 +1,25 @@
+"""What made a result: a canonical description of settings, its fingerprint, and the versions in use."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+
+def describe(value: Any) -> Any:
+    """A JSON-able description of nested dataclasses: class names and fields, in a fixed order."""
+    if is_dataclass(value) and not isinstance(value, type):
+        described = {"class": type(value).__name__}
+        return described | {field.name: describe(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): describe(value[key]) for key in sorted(value)}
+    if isinstance(value, list | tuple):
+        return [describe(item) for item in value]
+    return value
+
+
+def fingerprint(value: Any) -> str:
+    """SHA-256 of the description of ``value``, 16 hexadecimal digits."""
+    text = json.dumps(describe(value), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

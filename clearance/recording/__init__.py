@@ -1,0 +1,1 @@
+"""Recordings: what an instrument sees of the mechanism, with one type for simulated and measured signals."""

@@ -1,0 +1,39 @@
+"""Numbers and names that a user wrote: used where they are within range, answered with one line if not."""
+
+import math
+from collections.abc import Iterable
+from difflib import get_close_matches
+from numbers import Real
+
+from clearance.errors import InputError
+
+
+def bounded(value: object, key: str, low: float, high: float, unit: str = "") -> float:
+    """Return `value` as a number in [low, high], or say which key to change.
+
+    Text that reads as a number is accepted: YAML 1.1 takes `1e-3` (no dot) for text.
+    """
+    suffix = f" {unit}" if unit else ""
+    allowed = f"give a number from {low:g} to {high:g}{suffix}"
+    if isinstance(value, bool) or not isinstance(value, Real | str):
+        raise InputError(f"{key}: {value!r} is not a number; {allowed}")
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        raise InputError(f"{key}: {value!r} is not a number; {allowed}") from None
+    if not math.isfinite(number) or not low <= number <= high:
+        raise InputError(f"{key}: {number:g}{suffix} is out of range; {allowed}")
+    return number
+
+
+def resembling(name: str, known: Iterable[str]) -> str:
+    """Return `"; did you mean 'x'?"` for the nearest known name, or nothing where none is near."""
+    near = get_close_matches(name, list(known), n=1, cutoff=0.6)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def listing(names: Iterable[str], limit: int = 12) -> str:
+    """Return the names on one line, the first `limit` of them and a count of the rest."""
+    everything = [str(name) for name in names]
+    shown = ", ".join(everything[:limit])
+    return f"{shown} and {len(everything) - limit} more" if len(everything) > limit else shown or "none"

@@ -1,0 +1,77 @@
+"""The measurement chain: what turns the machine's accelerations into a recording.
+
+Simulation, training, prediction and diagnosis share one declaration of it, because a recording compared with a
+prediction that went through another filter looks like missing physics.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from clearance.errors import InputError
+from clearance.mechanism.parameters import require
+from clearance.simulation.decimation import Decimation
+
+
+@dataclass(frozen=True)
+class MeasurementChain:
+    """Zero-phase Chebyshev type I low-pass of unit gain at zero frequency, then every n-th sample.
+
+    The paper's chain (Section 4.2) with the gain set right: an even-order Chebyshev filter applied in both
+    directions has a gain of 0.98855 at zero frequency, here divided out.
+
+    Attributes:
+        base_rate: sampling rate before the filter [Hz].
+        decimation: n; 1 leaves the signal unfiltered.
+        filter_order: of one direction, even.
+        ripple_db: passband ripple of one direction [dB].
+        cutoff: as a fraction of the Nyquist frequency after decimation.
+    """
+
+    base_rate: float = 1e5
+    decimation: int = 10
+    filter_order: int = 8
+    ripple_db: float = 0.05
+    cutoff: float = 0.8
+
+    def __post_init__(self) -> None:
+        require(self, 1e3, 1e7, base_rate=self.base_rate)
+        require(self, 1, 200, decimation=self.decimation)
+        require(self, 2, 12, filter_order=self.filter_order)
+        if self.filter_order % 2 or int(self.decimation) != self.decimation:
+            raise InputError(
+                f"chain.filter_order = {self.filter_order} must be even and chain.decimation = "
+                f"{self.decimation} a whole number"
+            )
+        require(self, 0.0, 3.0, strict=True, ripple_db=self.ripple_db)
+        require(self, 0.05, 0.95, cutoff=self.cutoff)
+
+    @property
+    def rate(self) -> float:
+        """Sampling rate of a recording [Hz]."""
+        return self.base_rate / self.decimation
+
+    def filter(self) -> Decimation:
+        """Coefficients for filtering in the same pass as the simulation."""
+        if self.decimation == 1:
+            return Decimation.none()
+        return Decimation.chebyshev(self.decimation, self.filter_order, self.ripple_db, self.cutoff)
+
+    def apply(self, values: np.ndarray) -> np.ndarray:
+        """Filter and decimate signals that were sampled at the base rate by something else.
+
+        Args:
+            values: (samples, channels).
+
+        Returns:
+            (ceil(samples / decimation), channels).
+        """
+        if self.decimation == 1:
+            return values.copy()
+        sections = signal.cheby1(
+            self.filter_order, self.ripple_db, self.cutoff / self.decimation, output="sos"
+        )
+        gain = np.prod(sections[:, :3].sum(axis=1) / sections[:, 3:].sum(axis=1))
+        filtered = signal.sosfiltfilt(sections, values, axis=0, padtype="constant")
+        return filtered[:: self.decimation] / gain**2

@@ -1,0 +1,202 @@
+"""Many runs on disk: one checksummed chunk a run, which several writers can fill and a kill cannot spoil.
+
+A Zarr (version 3) group with ``signals`` (runs, samples, channels) float32 and ``labels`` (runs, 3). A chunk is
+written to a temporary file and renamed, so that it is there whole or not at all; what is there is never written
+again. A run that failed leaves a small file in ``failures`` instead.
+"""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from zarr.codecs import Crc32cCodec
+
+from clearance.errors import InputError
+
+LABELS = ("clearance_b", "clearance_c", "speed")
+_SIGNALS, _LABELS, _FAILURES = "signals", "labels", "failures"
+
+
+class Dataset:
+    """Simulated runs on disk.
+
+    Attributes:
+        path: folder of the store.
+        channels: names of the stored channels.
+        rate: sampling rate [Hz].
+        start_time: of the first stored sample [s].
+        samples: a run.
+        runs: planned; see ``available`` for those that are there.
+        fingerprint: of the settings that made the runs.
+    """
+
+    def __init__(self, path: Path, group: zarr.Group) -> None:
+        self.path = path
+        self._signals: Any = group[_SIGNALS]
+        self._labels: Any = group[_LABELS]
+        attributes: dict[str, Any] = dict(group.attrs)
+        self.channels = tuple(attributes["channels"])
+        self.rate = float(attributes["rate"])
+        self.start_time = float(attributes["start_time"])
+        self.fingerprint = str(attributes["fingerprint"])
+        self.settings: dict[str, Any] = attributes["settings"]
+        self.runs, self.samples, _ = self._signals.shape
+
+    @classmethod
+    def open(cls, path: str | Path) -> "Dataset":
+        """Open a store.
+
+        Raises:
+            InputError: if there is none, or something else.
+        """
+        folder = Path(path)
+        if not folder.is_dir():
+            raise InputError(f"dataset = {folder} is not there; make it with python -m clearance.simulate dataset={folder}")
+        try:
+            return cls(folder, zarr.open_group(folder, mode="r+", zarr_format=3))
+        except InputError:
+            raise
+        except Exception as error:  # whatever Zarr raises for foreign or damaged metadata
+            raise InputError(f"dataset = {folder} is not a data set of this project: {error}") from error
+
+    @classmethod
+    def create(
+        cls,
+        path: str | Path,
+        labels: np.ndarray,
+        channels: tuple[str, ...],
+        samples: int,
+        rate: float,
+        start_time: float,
+        fingerprint: str,
+        settings: dict[str, Any],
+    ) -> "Dataset":
+        """Open a store for writing, making or growing it where needed.
+
+        Args:
+            path: folder.
+            labels: (runs, 3) float64, in the order of ``LABELS``.
+            channels: names.
+            samples: a run.
+            rate: sampling rate [Hz].
+            start_time: of the first sample [s].
+            fingerprint: of the settings.
+            settings: their description, kept for people.
+
+        Raises:
+            InputError: if the folder holds a data set of other settings.
+        """
+        folder = Path(path)
+        runs = len(labels)
+        if (folder / "zarr.json").exists():
+            dataset = cls.open(folder)
+            if dataset.fingerprint != fingerprint:
+                differing = ", ".join(_differences(dataset.settings, settings)) or "the version of its layout"
+                raise InputError(
+                    f"dataset = {folder} was made with other settings ({differing}); choose another dataset= path"
+                )
+            if dataset.runs >= runs:
+                return dataset
+        group = zarr.open_group(folder, mode="a", zarr_format=3)
+        # several writers may do this at once: each writes the same bytes, whole files at a time
+        if _SIGNALS in group:
+            signals: Any = group[_SIGNALS]
+            signals.resize((runs, samples, len(channels)))
+        else:
+            group.create_array(
+                _SIGNALS,
+                shape=(runs, samples, len(channels)),
+                chunks=(1, samples, len(channels)),
+                dtype="float32",
+                compressors=[Crc32cCodec()],
+                fill_value=float("nan"),
+                overwrite=True,
+            )
+        stored: Any = group.create_array(
+            _LABELS, shape=labels.shape, chunks=labels.shape, dtype="float64", compressors=[Crc32cCodec()], overwrite=True
+        )
+        stored[:] = labels
+        group.attrs.update(
+            {
+                "channels": list(channels),
+                "rate": rate,
+                "start_time": start_time,
+                "fingerprint": fingerprint,
+                "settings": settings,
+            }
+        )
+        return cls.open(folder)
+
+    @property
+    def labels(self) -> dict[str, np.ndarray]:
+        """(runs,) each: ``clearance_b`` and ``clearance_c`` [m], ``speed`` [rad/s]."""
+        values = np.asarray(self._labels[:])
+        return {name: values[:, column] for column, name in enumerate(LABELS)}
+
+    def stored(self) -> np.ndarray:
+        """Indices of the runs whose signals are on disk."""
+        folder = self.path / _SIGNALS / "c"
+        if not folder.is_dir():
+            return np.zeros(0, dtype=np.int64)
+        runs = [int(entry.name) for entry in os.scandir(folder) if (Path(entry.path) / "0" / "0").exists()]
+        return np.array(sorted(run for run in runs if run < self.runs), dtype=np.int64)
+
+    def failures(self) -> dict[int, str]:
+        """Runs that became non-finite, with the reason."""
+        folder = self.path / _FAILURES
+        if not folder.is_dir():
+            return {}
+        return {int(file.stem): json.loads(file.read_text())["reason"] for file in sorted(folder.glob("*.json"))}
+
+    def available(self) -> np.ndarray:
+        """Indices of the runs that can be read."""
+        return self.stored()
+
+    def missing(self) -> np.ndarray:
+        """Indices of the runs that are neither stored nor failed."""
+        done = set(self.stored().tolist()) | set(self.failures())
+        return np.array([run for run in range(self.runs) if run not in done], dtype=np.int64)
+
+    def write(self, run: int, signals: np.ndarray) -> None:
+        """Store one run's (samples, channels) signals."""
+        self._signals[run] = signals.astype(np.float32)
+
+    def write_failure(self, run: int, reason: str) -> None:
+        """Record that a run failed, so that it is not tried again."""
+        folder = self.path / _FAILURES
+        folder.mkdir(exist_ok=True)
+        temporary = folder / f".{run}.{os.getpid()}"
+        temporary.write_text(json.dumps({"run": run, "reason": reason}))
+        temporary.replace(folder / f"{run}.json")
+
+    def read(self, run: int, channels: tuple[str, ...] | None = None) -> np.ndarray:
+        """Signals of one run, (samples, channels) float32.
+
+        Raises:
+            InputError: for an unknown channel, or a run that is missing or damaged.
+        """
+        wanted = self.channels if channels is None else tuple(channels)
+        unknown = [name for name in wanted if name not in self.channels]
+        if unknown:
+            raise InputError(f"dataset {self.path} lacks {', '.join(unknown)}; it has {', '.join(self.channels)}")
+        chunk = self.path / _SIGNALS / "c" / str(run) / "0" / "0"
+        try:
+            values = np.asarray(self._signals[run])
+        except Exception as error:  # a failed checksum or a truncated chunk: Zarr has no type of its own for either
+            raise InputError(
+                f"run {run} is damaged ({error}): delete {chunk} and repeat the simulate command that made it"
+            ) from error
+        if not np.isfinite(values).all():
+            raise InputError(f"run {run} of {self.path} is not there; repeat the simulate command that makes it")
+        return values[:, [self.channels.index(name) for name in wanted]]
+
+
+def _differences(old: Any, new: Any, key: str = "") -> list[str]:
+    """Keys whose values differ, with both values."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        names = sorted(set(old) | set(new))
+        return [d for n in names for d in _differences(old.get(n), new.get(n), f"{key}.{n}" if key else n)]
+    return [] if old == new else [f"{key}: {old} there, {new} here"]

@@ -1,0 +1,201 @@
+"""Simulated recordings: which machines run, and what their sensors write down.
+
+Run ``i`` of a campaign depends on the seed and on ``i`` alone, so that shards, resumed and larger campaigns agree.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from clearance.errors import InputError
+from clearance.mechanism.joint import CLEARANCE_RANGE
+from clearance.mechanism.parameters import require
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.provenance import describe, fingerprint
+from clearance.recording.chain import MeasurementChain
+from clearance.recording.channels import ACCELERATIONS, OTHER_CHANNELS
+from clearance.recording.dataset import Dataset
+from clearance.recording.recording import Recording
+from clearance.recording.sensors import SensorChain
+from clearance.simulation.batch import Sampling, run_batch, simulate
+from clearance.simulation.failure import Failure
+from clearance.simulation.integrator import Integrator
+
+SIGNAL_CHANNELS = (*ACCELERATIONS, *OTHER_CHANNELS)
+"""Channels in the order of the simulation's signals."""
+
+
+@dataclass(frozen=True)
+class ClearanceLocation:
+    """Which joints have clearance: a member of the configuration group ``joint``."""
+
+    name: str
+    b: bool
+    c: bool
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A set of simulated runs with clearance and speed drawn at random (paper, Section 2).
+
+    Attributes:
+        mechanism: the machine; its clearances and speed are drawn anew for each run.
+        joint: where the clearance is.
+        integrator: scheme and steps.
+        chain: measurement chain.
+        sensors: imperfections of the sensors.
+        runs: how many.
+        seed: of all draws.
+        clearance_range: of the uniform draw [m].
+        speed_range: of the uniform draw [rpm].
+        duration: of a simulation [s].
+        record_start: time of the first recorded sample [s].
+    """
+
+    mechanism: SliderCrank
+    joint: ClearanceLocation
+    integrator: Integrator
+    chain: MeasurementChain
+    sensors: SensorChain
+    runs: int = 1000
+    seed: int = 1
+    clearance_range: Sequence[float] = (0.0, 1e-3)
+    speed_range: Sequence[float] = (500.0, 1000.0)
+    duration: float = 3.0
+    record_start: float = 2.0
+
+    def __post_init__(self) -> None:
+        require(self, 1, 10_000_000, runs=self.runs)
+        require(self, 0, 2**63, seed=self.seed)
+        require(self, 0.0, 3600.0, strict=True, duration=self.duration)
+        require(self, 0.0, self.duration, record_start=self.record_start)
+        for name, (low, high), bounds in (
+            ("clearance_range", self.clearance_range, CLEARANCE_RANGE),
+            ("speed_range", self.speed_range, (1.0, 20_000.0)),
+        ):
+            if not bounds[0] <= low <= high <= bounds[1]:
+                raise InputError(f"{name} = [{low:g}, {high:g}] must lie in order within [{bounds[0]:g}, {bounds[1]:g}]")
+
+    @property
+    def sampling(self) -> Sampling:
+        """Which samples a run records."""
+        length = self.duration - self.record_start
+        return Sampling(self.chain.base_rate, self.chain.filter(), self.record_start, length)
+
+    @property
+    def fingerprint(self) -> str:
+        """Of everything that decides what a run holds; the number of runs does not."""
+        return fingerprint(self.settings)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """A description of the campaign for people and for comparison."""
+        described = describe(self)
+        described.pop("runs")
+        return described
+
+    def labels(self, runs: Sequence[int]) -> np.ndarray:
+        """(runs, 3) clearance of B and C [m] and speed [rad/s]."""
+        low, high = self.clearance_range
+        slow, fast = self.speed_range
+        values = np.zeros((len(runs), 3))
+        for row, run in enumerate(runs):
+            draw = np.random.default_rng([self.seed, run]).uniform(size=3)
+            values[row, 0] = self.joint.b * (low + draw[0] * (high - low))
+            values[row, 1] = self.joint.c * (low + draw[1] * (high - low))
+            values[row, 2] = (slow + draw[2] * (fast - slow)) * np.pi / 30.0
+        return values
+
+    def machine(self, run: int) -> SliderCrank:
+        """The machine of one run."""
+        clearance_b, clearance_c, speed = self.labels([run])[0]
+        nominal = self.mechanism
+        return replace(
+            nominal,
+            joint_b=replace(nominal.joint_b, clearance=float(clearance_b)),
+            joint_c=replace(nominal.joint_c, clearance=float(clearance_c)),
+            drive=nominal.drive.at_speed(float(speed * 30.0 / np.pi)),
+        )
+
+    def observe(self, run: int, signals: np.ndarray) -> np.ndarray:
+        """What the sensors make of a run's ten accelerations, (samples, 10)."""
+        ideal = Recording(signals[:, : len(ACCELERATIONS)], ACCELERATIONS, self.chain.rate, self.record_start)
+        return self.sensors.apply(ideal, np.random.default_rng([self.seed, run, 1])).values
+
+    def recording(self, run: int) -> Recording:
+        """One run as a recording with all channels and the truth in its metadata."""
+        signals = simulate(self.machine(run), self.integrator, self.sampling)
+        signals[:, : len(ACCELERATIONS)] = self.observe(run, signals)
+        clearance_b, clearance_c, speed = (float(value) for value in self.labels([run])[0])
+        metadata = {
+            "chain": describe(self.chain),
+            "truth": {"clearance_b": clearance_b, "clearance_c": clearance_c, "speed": speed},
+        }
+        return Recording(signals, SIGNAL_CHANNELS, self.chain.rate, self.record_start, metadata)
+
+    def generate(self, path: str | Path, shard: tuple[int, int] = (1, 1), workers: int | None = None) -> Dataset:
+        """Simulate what is not on disk yet; whatever stops it, calling it again goes on.
+
+        Args:
+            path: folder of the data set.
+            shard: (k, n): every n-th run, beginning with the k-th.
+            workers: threads; all cores if ``None``.
+        """
+        part, parts = shard
+        if not 1 <= part <= parts:
+            raise InputError(f"shard = {part}/{parts} must be k/n with 1 <= k <= n")
+        sampling = self.sampling
+        dataset = Dataset.create(
+            path,
+            self.labels(range(self.runs)),
+            ACCELERATIONS,
+            sampling.samples,
+            sampling.rate,
+            self.record_start,
+            self.fingerprint,
+            self.settings,
+        )
+        missing = [run for run in dataset.missing().tolist() if run < self.runs and run % parts == part - 1]
+        lock = Lock()
+        with tqdm(total=len(missing), unit="run", desc="simulating", disable=not missing, mininterval=0.5) as bar:
+
+            def store(index: int, outcome: np.ndarray | Failure) -> None:
+                run = missing[index]
+                if isinstance(outcome, Failure):
+                    dataset.write_failure(run, str(outcome))
+                else:
+                    dataset.write(run, self.observe(run, outcome))
+                with lock:
+                    bar.update()
+
+            self._simulate(missing, store, workers)
+        return dataset
+
+    def fresh(self, runs: int, epoch: int) -> tuple[list[np.ndarray], np.ndarray]:
+        """Runs that no data set holds: epoch ``e`` continues after ``runs`` times ``e`` others.
+
+        Returns:
+            A list of (samples, 10) float32 signals and their (runs, 3) labels; failed runs are left out.
+        """
+        offset = 1_000_000_000 + epoch * runs  # beyond every data set's runs
+        wanted = range(offset, offset + runs)
+        kept: dict[int, np.ndarray] = {}
+
+        def keep(index: int, outcome: np.ndarray | Failure) -> None:
+            if not isinstance(outcome, Failure):
+                kept[index] = self.observe(wanted[index], outcome).astype(np.float32)
+
+        self._simulate(wanted, keep, None)
+        order = sorted(kept)
+        return [kept[index] for index in order], self.labels([wanted[index] for index in order])
+
+    def _simulate(
+        self, runs: Sequence[int], sink: Callable[[int, np.ndarray | Failure], None], workers: int | None
+    ) -> None:
+        machines = [self.machine(run) for run in runs]
+        run_batch(machines, self.integrator, self.sampling, sink, workers)

@@ -1,0 +1,43 @@
+"""Simulate a data set: ``python -m clearance.simulate runs=1000 seed=1 joint=C dataset=PATH``."""
+
+import logging
+from pathlib import Path
+
+from hydra.utils import instantiate
+from omegaconf import DictConfig
+
+from clearance.commands import command
+from clearance.errors import InputError
+
+log = logging.getLogger(__name__)
+
+
+def _shard(text: str) -> tuple[int, int]:
+    try:
+        part, parts = (int(word) for word in str(text).split("/"))
+    except ValueError:
+        raise InputError(f"shard = {text!r} must be k/n, for example shard=3/16") from None
+    return part, parts
+
+
+@command("simulate")
+def main(cfg: DictConfig) -> None:
+    """Simulate what the data set lacks and say what it holds."""
+    campaign = instantiate(cfg.campaign, _convert_="all")
+    path = Path(cfg.dataset or f"outputs/datasets/{campaign.fingerprint}")
+    dataset = campaign.generate(path, _shard(cfg.shard), cfg.workers)
+    for run, reason in dataset.failures().items():
+        log.warning("run %d: %s", run, reason)
+    log.info(
+        "%s holds %d of %d runs of %g s at %g kHz (%d failed)",
+        path,
+        len(dataset.stored()),
+        dataset.runs,
+        dataset.samples / dataset.rate,
+        dataset.rate / 1e3,
+        len(dataset.failures()),
+    )
+
+
+if __name__ == "__main__":
+    main()

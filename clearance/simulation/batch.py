@@ -1,0 +1,201 @@
+"""Many runs: grouped by their laws, ``WIDTH`` in lockstep, one group a core.
+
+A run's signals do not depend on which runs share its group, on the number of workers or on their order.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import groupby
+from threading import Event, local
+
+import numpy as np
+
+from clearance.errors import InputError
+from clearance.lanes import WIDTH
+from clearance.mechanism.choice import LawChoice
+from clearance.mechanism.parameters import PARAMETERS, Family, Parameter
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.simulation.decimation import Decimation
+from clearance.simulation.failure import Failure, explain_failure
+from clearance.simulation.integrator import Integrator
+from clearance.simulation.layout import SIGNALS, STATES, Signal
+from clearance.simulation.lockstep import run_lanes, workspace_rows
+from clearance.simulation.trajectory import rest_state
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """When and how often the machine's signals are taken.
+
+    Attributes:
+        base_rate: sampling rate before the filter [Hz].
+        decimation: the filter, and how many samples at the base rate make one of the result.
+        start: time of the first sample [s].
+        duration: of the result [s].
+    """
+
+    base_rate: float
+    decimation: Decimation
+    start: float
+    duration: float
+
+    @property
+    def rate(self) -> float:
+        """Sampling rate of the result [Hz]."""
+        return self.base_rate / self.decimation.factor
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of the result."""
+        return round(self.duration * self.rate)
+
+    @property
+    def first(self) -> int:
+        """Index of the first sample, counted from the start of the simulation."""
+        return round(self.start * self.rate)
+
+
+Sink = Callable[[int, np.ndarray | Failure], None]
+"""Receives a run's index and its (samples, SIGNALS) float64 signals, valid during the call, or its failure."""
+
+
+def run_batch(
+    machines: Sequence[SliderCrank],
+    integrator: Integrator,
+    sampling: Sampling,
+    sink: Sink,
+    workers: int | None = None,
+    states: np.ndarray | None = None,
+) -> None:
+    """Simulate machines and hand each one's signals to ``sink`` as soon as they are there.
+
+    Args:
+        machines: one a run.
+        integrator: scheme and steps.
+        sampling: which samples are wanted.
+        sink: called from the worker threads.
+        workers: threads; all cores if ``None``.
+        states: (runs, STATES) start states; at rest at outer dead centre if ``None``.
+    """
+    if sampling.samples < 1:
+        raise InputError(f"a recording of {sampling.duration:g} s holds no sample at {sampling.rate:g} Hz")
+    keys = [tuple(machine.codes()) for machine in machines]
+    order = sorted(range(len(machines)), key=lambda i: keys[i])
+    groups = []
+    for _, members in groupby(order, key=lambda i: keys[i]):
+        alike = list(members)
+        groups += [alike[i : i + WIDTH] for i in range(0, len(alike), WIDTH)]
+    workspaces, stop = local(), Event()
+
+    def work(group: list[int]) -> None:
+        if not stop.is_set():
+            _run_group(group, machines, states, integrator, sampling, workspaces, sink)
+
+    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+        futures = [pool.submit(work, group) for group in groups]
+        try:
+            for future in futures:
+                future.result()
+        except BaseException:
+            stop.set()  # a group under way finishes, no new one begins
+            raise
+
+
+def _aligned(rows: int) -> np.ndarray:
+    """(rows, WIDTH) zeros that begin on a cache line: a vector store never straddles two."""
+    flat = np.zeros(rows * WIDTH + 8)
+    offset = (-flat.ctypes.data // 8) % 8
+    return flat[offset : offset + rows * WIDTH].reshape(rows, WIDTH)
+
+
+def _silent(codes: tuple[int, ...], p: np.ndarray) -> set[int]:
+    """Acceleration signals that are identically zero, so that filtering them would be waste."""
+    if codes[Family.FRAME]:
+        return set()
+    silent: set[int] = set()
+    weightless = not p[[Parameter.GRAVITY_X, Parameter.GRAVITY_Y]].any()
+    if weightless and not p[Parameter.SENSOR_CRANK_A].any():
+        silent |= {Signal.CRANK_A_TRANSVERSE, Signal.CRANK_A_AXIAL}
+    if not p[Parameter.GRAVITY_Y].any() and not codes[Family.GUIDE]:
+        silent.add(Signal.SLIDER_VERTICAL)
+    return silent
+
+
+def _run_group(
+    group: list[int],
+    machines: Sequence[SliderCrank],
+    states: np.ndarray | None,
+    integrator: Integrator,
+    sampling: Sampling,
+    workspaces: local,
+    sink: Sink,
+) -> None:
+    lanes = group + [group[-1]] * (WIDTH - len(group))
+    codes = machines[group[0]].codes()
+    p, s, saved = _aligned(PARAMETERS), _aligned(STATES), _aligned(STATES)
+    for lane, run in enumerate(lanes):
+        p[:, lane] = machines[run].parameters()
+        s[:, lane] = rest_state(machines[run]) if states is None else states[run]
+    silent = _silent(tuple(codes), p)
+    filtered = np.array([row for row in range(Signal.CRANK_ANGLE) if row not in silent], dtype=np.int64)
+    points = np.arange(Signal.CRANK_ANGLE, SIGNALS)
+    filters = sampling.decimation
+    poles = filters.decay.shape[1]
+    rows = workspace_rows(filters.factor, poles, filtered.size, filters.chunk)
+    shape = (WIDTH, sampling.samples, SIGNALS)
+    if getattr(workspaces, "shape", None) != (rows, shape):
+        workspaces.shape, workspaces.work, workspaces.out = (rows, shape), _aligned(rows), np.zeros(shape)
+    out = workspaces.out
+    out[:, :, sorted(silent)] = 0.0
+    skipped = max(0, sampling.first - filters.chunk)
+    period = 1.0 / sampling.base_rate
+    substeps = integrator.substeps(period)
+    run_lanes(
+        LawChoice(codes),
+        p,
+        s,
+        saved,
+        workspaces.work,
+        integrator.code,
+        period / substeps,
+        substeps,
+        integrator.contact_refinement,
+        skipped,
+        sampling.first - skipped,
+        sampling.samples,
+        filtered,
+        points,
+        filters.weights,
+        filters.decay,
+        filters.residues,
+        filters.rest,
+        filters.direct,
+        filters.chunk,
+        out,
+    )
+    for lane, run in enumerate(group):
+        if np.isfinite(out[lane, -1]).all() and np.isfinite(out[lane].sum()):
+            sink(run, out[lane])
+        else:
+            sink(run, explain_failure(machines[run], saved[:, lane].copy(), integrator, period / substeps))
+
+
+def simulate(
+    machine: SliderCrank, integrator: Integrator, sampling: Sampling, state: np.ndarray | None = None
+) -> np.ndarray:
+    """Signals of one run, (samples, SIGNALS).
+
+    Raises:
+        InputError: if the run becomes non-finite.
+    """
+    result: list[np.ndarray | Failure] = []
+
+    def keep(_: int, outcome: np.ndarray | Failure) -> None:
+        result.append(outcome if isinstance(outcome, Failure) else outcome.copy())
+
+    run_batch([machine], integrator, sampling, keep, 1, None if state is None else state[None])
+    if isinstance(result[0], Failure):
+        raise InputError(str(result[0]))
+    return result[0]

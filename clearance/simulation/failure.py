@@ -1,0 +1,71 @@
+"""Why a run became non-finite: when, in which state, by which law."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.simulation.integrator import Integrator
+from clearance.simulation.layout import Result, State
+from clearance.simulation.trajectory import simulate_trajectory
+
+_SEARCHED = 20_000  # steps after the last state known to be finite
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A run that stopped.
+
+    Attributes:
+        time: when the first number ceased to be finite [s].
+        law: whose force or which equation it was.
+        state: the last finite state, by name.
+    """
+
+    time: float
+    law: str
+    state: dict[str, float]
+
+    def __str__(self) -> str:
+        names = ("crank_angle", "crank_speed", "rod_angle", "rod_speed", "slider_x", "slider_x_rate")
+        shown = ", ".join(f"{name} = {self.state[name]:.4g}" for name in names)
+        return (
+            f"the run became non-finite at t = {self.time:.6f} s in {self.law} (last finite state: {shown}); "
+            "a shorter integrator.step or more integrator.contact_refinement may help"
+        )
+
+
+def explain_failure(machine: SliderCrank, state: np.ndarray, integrator: Integrator, step: float) -> Failure:
+    """Repeat a failed run from its last finite state and name what failed first.
+
+    Args:
+        machine: what ran.
+        state: (STATES,) finite.
+        integrator: scheme and steps.
+        step: the step in use [s].
+    """
+    scheme = Integrator(integrator.scheme, step, integrator.contact_refinement)
+    with np.errstate(all="ignore"):
+        again = simulate_trajectory(machine, scheme, _SEARCHED * step, state=state)
+    states, results = again.states, again.results
+    last = int(np.flatnonzero(np.isfinite(states[:, : State.TIME]).all(axis=1))[-1])
+    named = {row.name.lower(): float(states[last, row]) for row in State}
+    return Failure(float(states[-1, State.TIME]), _guilty_law(machine, states[-1], results[-1]), named)
+
+
+def _guilty_law(machine: SliderCrank, state: np.ndarray, result: np.ndarray) -> str:
+    suspects = (
+        (Result.NORMAL_FORCE_B, machine.joint_b.contact, "joint B"),
+        (Result.NORMAL_FORCE_C, machine.joint_c.contact, "joint C"),
+        (Result.LOAD, machine.spring, "the slider's load"),
+        (Result.DRIVE_TORQUE, machine.drive, "the drive"),
+        (Result.GUIDE_REACTION, machine.guide, "the guide"),
+        (Result.GUIDE_FRICTION, machine.guide_friction, "the guide"),
+    )
+    for row, law, place in suspects:
+        if not np.isfinite(result[row]):
+            return f"{type(law).__name__} of {place}"
+    for row in State:
+        if not np.isfinite(state[row]):
+            return f"the equations of motion ({row.name.lower()})"
+    return "the equations of motion"

@@ -1,0 +1,63 @@
+"""Train a model of the clearance: ``python -m clearance.train model=lstm sensors=rod``."""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+from hydra.utils import instantiate
+from omegaconf import DictConfig, OmegaConf
+
+from clearance.commands import command
+from clearance.evaluation.evaluate import evaluate
+from clearance.models.gauge import Gauge
+from clearance.models.run_folder import METRICS, RunFolder, environment, read_json
+
+log = logging.getLogger(__name__)
+
+
+@command("train")
+def main(cfg: DictConfig) -> float | None:
+    """Make or read the data, train, calibrate on the test recordings, judge, save; return the validation NMAE."""
+    config: Any = OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
+    run = RunFolder.open(Path(cfg.folder), config, cfg.seed)
+    if run.finished and cfg.resume:
+        log.info("%s is finished: resume=false trains again", run.path)
+        return read_json(run.path / METRICS)["validation"]["nmae"]
+
+    data = instantiate(cfg.data)
+    data.prepare_data()
+    data.setup()
+    estimator = instantiate(cfg.model)
+    seconds = estimator.fit(data, run)
+
+    gauge = Gauge.calibrate(estimator, data, **cfg.calibration)
+    gauge.save(run.path)
+    metrics = instantiate(cfg.metrics)
+    validation = evaluate(gauge, data, data.validation_windows(), metrics)
+    test = evaluate(gauge, data, data.test_windows(), metrics)
+    for name, figure in test.figures(f"{cfg.name}, test recordings").items():
+        run.logger.experiment.add_figure(f"test/{name}", figure, close=False)
+    scores = {f"test/{name}": value for name, value in test.metrics.items()}
+    run.logger.log_hyperparams(config, scores)
+    run.finish(
+        {
+            "validation": validation.metrics,
+            "test": test.metrics,
+            "training_seconds": seconds,
+            "evaluation_seconds": test.seconds,
+            "parameters": estimator.parameters,
+            "seed": cfg.seed,
+            "split_seed": cfg.split_seed,
+            "data": {"fingerprint": data.recordings.fingerprint, "recordings": len(data.recordings.lengths)},
+            "environment": environment(),
+        }
+    )
+    log.info(
+        "%s: test NMAE %.2f %% a window, %.2f %% a recording; trained in %.0f s",
+        run.path, test.metrics["nmae"], test.metrics["recording_nmae"], seconds,
+    )  # fmt: skip
+    return validation.metrics["nmae"]
+
+
+if __name__ == "__main__":
+    main()
