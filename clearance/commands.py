@@ -51,7 +51,9 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
             except Exception as error:
                 wrong = _user_error(error)
                 if wrong is None and isinstance(error, OSError) and error.errno == 28:
-                    wrong = InputError(f"no space left for {error.filename or 'the output'}: free some or change its folder")
+                    wrong = InputError(
+                        f"no space left for {error.filename or 'the output'}: free some or change its folder"
+                    )
                 if wrong is None:
                     raise
                 logging.getLogger(__name__).debug("wrong input", exc_info=error)

@@ -77,7 +77,9 @@ def _number_to_lanes(context: Any, builder: Any, fromty: types.Type, toty: types
     return _splat(builder, context.cast(builder, value, fromty, types.float64))
 
 
-def _register_binary(symbol: Callable[..., Any], emit: Callable[..., Any], result: types.Type, operand: types.Type) -> None:
+def _register_binary(
+    symbol: Callable[..., Any], emit: Callable[..., Any], result: types.Type, operand: types.Type
+) -> None:
     @infer_global(symbol)
     class _Template(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
@@ -343,9 +345,9 @@ def minimum(a: Any, b: Any) -> Any:
     return where(b < a, b, a)
 
 
-# pi in two parts: the first has 32 bits, so that its product with any turn count below 2**20 is exact.
+# pi in two parts: the first has 31 bits, so that its product with any turn count below 2**22 is exact.
 _PI_HIGH = 3.1415926534682512
-_PI_LOW = float(np.longdouble("3.14159265358979323846264338327950288") - np.longdouble(_PI_HIGH))
+_PI_LOW = 1.2154201013012384e-10
 
 
 @kernel

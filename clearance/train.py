@@ -24,10 +24,10 @@ def main(cfg: DictConfig) -> float | None:
         log.info("%s is finished: resume=false trains again", run.path)
         return read_json(run.path / METRICS)["validation"]["nmae"]
 
-    data = instantiate(cfg.data)
+    data = instantiate(cfg.data, _convert_="all")
     data.prepare_data()
     data.setup()
-    estimator = instantiate(cfg.model)
+    estimator = instantiate(cfg.model, _convert_="all")
     seconds = estimator.fit(data, run)
 
     gauge = Gauge.calibrate(estimator, data, **cfg.calibration)

@@ -10,7 +10,9 @@ from clearance.mechanism.parameters import Family, Law, Parameter, require
 
 
 @kernel
-def worn_surface(p: Any, block: int, ex: Any, ey: Any, distance: Any, spin_sine: Any, spin_cosine: Any) -> Any:
+def worn_surface(
+    p: Any, block: int, ex: Any, ey: Any, distance: Any, spin_sine: Any, spin_cosine: Any
+) -> Any:
     """Gap and normal of a bore whose clearance is c(phi) = c + a cos(k phi + phase), phi in the bearing.
 
     Args:
@@ -29,7 +31,10 @@ def worn_surface(p: Any, block: int, ex: Any, ey: Any, distance: Any, spin_sine:
     turned_sine = radial_y * spin_cosine - radial_x * spin_sine
     # exp(i k phi) by repeated multiplication: the order is a small whole number, different from lane to lane
     order = nearest_integer(get(p, block + Parameter.JOINT_WEAR_ORDER))
-    power_cosine, power_sine = get(p, block + Parameter.JOINT_WEAR_COSINE), get(p, block + Parameter.JOINT_WEAR_SINE)
+    power_cosine, power_sine = (
+        get(p, block + Parameter.JOINT_WEAR_COSINE),
+        get(p, block + Parameter.JOINT_WEAR_SINE),
+    )
     for k in range(1, MAXIMUM_ORDER + 1):
         more = order >= 1.0 * k
         next_cosine = power_cosine * turned_cosine - power_sine * turned_sine

@@ -12,7 +12,7 @@ from clearance.mechanism.parameters import Family, Law, Parameter, require
 @kernel
 def speed_error(p: Any, time: Any, speed: Any) -> Any:
     """Reference minus actual speed [rad/s]; the reference ramps up linearly, then stays."""
-    ramp = minimum(time * get(p, Parameter.DRIVE_RAMP_RATE), 1.0)
+    ramp = minimum(get(p, Parameter.DRIVE_RAMP_START) + time * get(p, Parameter.DRIVE_RAMP_RATE), 1.0)
     return get(p, Parameter.DRIVE_SPEED) * ramp - speed
 
 
@@ -82,7 +82,8 @@ class SpeedControl(Drive):
             Parameter.DRIVE_PROPORTIONAL: self.proportional,
             Parameter.DRIVE_INTEGRAL_GAIN: self.integral,
             Parameter.DRIVE_SPEED: self.speed_rpm * pi / 30.0,
-            Parameter.DRIVE_RAMP_RATE: 1.0 / max(self.ramp, 1e-12),
+            Parameter.DRIVE_RAMP_START: 0.0 if self.ramp > 0.0 else 1.0,
+            Parameter.DRIVE_RAMP_RATE: 1.0 / self.ramp if self.ramp > 0.0 else 0.0,
         }
 
 
@@ -116,7 +117,7 @@ class DirectCurrentMotor(Drive):
             Parameter.DRIVE_PROPORTIONAL: self.stall_torque / no_load,
             Parameter.DRIVE_INTEGRAL_GAIN: 0.0,
             Parameter.DRIVE_SPEED: no_load,
-            Parameter.DRIVE_RAMP_RATE: 1e12,
+            Parameter.DRIVE_RAMP_START: 1.0,
         }
 
 

@@ -114,7 +114,9 @@ class StribeckGuide(Law):
         require(self, coulomb_force=self.coulomb_force, viscous_damping=self.viscous_damping)
         require(self, stribeck_force=self.stribeck_force)
         require(self, 0.0, 2.0, friction_coefficient=self.friction_coefficient)
-        require(self, strict=True, stribeck_velocity=self.stribeck_velocity, smoothing_speed=self.smoothing_speed)
+        require(
+            self, strict=True, stribeck_velocity=self.stribeck_velocity, smoothing_speed=self.smoothing_speed
+        )
 
     def numbers(self) -> dict[Parameter, float]:
         """Entries of the parameter vector."""

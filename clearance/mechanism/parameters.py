@@ -64,6 +64,7 @@ class Parameter(IntEnum):
     DRIVE_PROPORTIONAL = auto()  # N m s/rad
     DRIVE_INTEGRAL_GAIN = auto()  # N m/rad
     DRIVE_SPEED = auto()  # rad/s, reference (or no-load speed)
+    DRIVE_RAMP_START = auto()  # -, share of the speed asked for at time 0
     DRIVE_RAMP_RATE = auto()  # 1/s
     RIPPLE_AMPLITUDE = auto()  # N m
     RIPPLE_ORDER = auto()  # -, per revolution
@@ -115,7 +116,9 @@ class Law:
         return {}
 
 
-def require(owner: Any, low: float = 0.0, high: float = float("inf"), strict: bool = False, **named: float) -> None:
+def require(
+    owner: Any, low: float = 0.0, high: float = float("inf"), strict: bool = False, **named: float
+) -> None:
     """Check that numbers lie in [low, high] ((low, high] if ``strict``).
 
     Raises:

@@ -80,10 +80,14 @@ class SliderCrank:
             )
         require(self, -1.0, 1.0, guide_offset=self.guide_offset)
         if len(self.gravity) != 2:
-            raise InputError(f"mechanism.gravity = {self.gravity} must be two numbers, [along x, along y] in m/s^2")
+            raise InputError(
+                f"mechanism.gravity = {self.gravity} must be two numbers, [along x, along y] in m/s^2"
+            )
         require(self, -1e3, 1e3, gravity_x=self.gravity[0], gravity_y=self.gravity[1])
         if self.sensor_positions is not None and len(self.sensor_positions) != 4:
-            raise InputError("mechanism.sensor_positions must be four lengths: crank A, crank B, rod B, rod C [m]")
+            raise InputError(
+                "mechanism.sensor_positions must be four lengths: crank A, crank B, rod B, rod C [m]"
+            )
 
     @property
     def laws(self) -> tuple[Law, ...]:

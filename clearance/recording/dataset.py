@@ -54,7 +54,9 @@ class Dataset:
         """
         folder = Path(path)
         if not folder.is_dir():
-            raise InputError(f"dataset = {folder} is not there; make it with python -m clearance.simulate dataset={folder}")
+            raise InputError(
+                f"dataset = {folder} is not there; make it with python -m clearance.simulate dataset={folder}"
+            )
         try:
             return cls(folder, zarr.open_group(folder, mode="r+", zarr_format=3))
         except InputError:
@@ -116,7 +118,12 @@ class Dataset:
                 overwrite=True,
             )
         stored: Any = group.create_array(
-            _LABELS, shape=labels.shape, chunks=labels.shape, dtype="float64", compressors=[Crc32cCodec()], overwrite=True
+            _LABELS,
+            shape=labels.shape,
+            chunks=labels.shape,
+            dtype="float64",
+            compressors=[Crc32cCodec()],
+            overwrite=True,
         )
         stored[:] = labels
         group.attrs.update(
@@ -149,7 +156,9 @@ class Dataset:
         folder = self.path / _FAILURES
         if not folder.is_dir():
             return {}
-        return {int(file.stem): json.loads(file.read_text())["reason"] for file in sorted(folder.glob("*.json"))}
+        return {
+            int(file.stem): json.loads(file.read_text())["reason"] for file in sorted(folder.glob("*.json"))
+        }
 
     def available(self) -> np.ndarray:
         """Indices of the runs that can be read."""
@@ -181,16 +190,22 @@ class Dataset:
         wanted = self.channels if channels is None else tuple(channels)
         unknown = [name for name in wanted if name not in self.channels]
         if unknown:
-            raise InputError(f"dataset {self.path} lacks {', '.join(unknown)}; it has {', '.join(self.channels)}")
+            raise InputError(
+                f"dataset {self.path} lacks {', '.join(unknown)}; it has {', '.join(self.channels)}"
+            )
         chunk = self.path / _SIGNALS / "c" / str(run) / "0" / "0"
         try:
             values = np.asarray(self._signals[run])
-        except Exception as error:  # a failed checksum or a truncated chunk: Zarr has no type of its own for either
+        except (
+            Exception
+        ) as error:  # a failed checksum or a truncated chunk: Zarr has no type of its own for either
             raise InputError(
                 f"run {run} is damaged ({error}): delete {chunk} and repeat the simulate command that made it"
             ) from error
         if not np.isfinite(values).all():
-            raise InputError(f"run {run} of {self.path} is not there; repeat the simulate command that makes it")
+            raise InputError(
+                f"run {run} of {self.path} is not there; repeat the simulate command that makes it"
+            )
         return values[:, [self.channels.index(name) for name in wanted]]
 
 

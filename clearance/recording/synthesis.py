@@ -79,7 +79,9 @@ class Campaign:
             ("speed_range", self.speed_range, (1.0, 20_000.0)),
         ):
             if not bounds[0] <= low <= high <= bounds[1]:
-                raise InputError(f"{name} = [{low:g}, {high:g}] must lie in order within [{bounds[0]:g}, {bounds[1]:g}]")
+                raise InputError(
+                    f"{name} = [{low:g}, {high:g}] must lie in order within [{bounds[0]:g}, {bounds[1]:g}]"
+                )
 
     @property
     def sampling(self) -> Sampling:
@@ -138,7 +140,9 @@ class Campaign:
         }
         return Recording(signals, SIGNAL_CHANNELS, self.chain.rate, self.record_start, metadata)
 
-    def generate(self, path: str | Path, shard: tuple[int, int] = (1, 1), workers: int | None = None) -> Dataset:
+    def generate(
+        self, path: str | Path, shard: tuple[int, int] = (1, 1), workers: int | None = None
+    ) -> Dataset:
         """Simulate what is not on disk yet; whatever stops it, calling it again goes on.
 
         Args:
@@ -162,7 +166,9 @@ class Campaign:
         )
         missing = [run for run in dataset.missing().tolist() if run < self.runs and run % parts == part - 1]
         lock = Lock()
-        with tqdm(total=len(missing), unit="run", desc="simulating", disable=not missing, mininterval=0.5) as bar:
+        with tqdm(
+            total=len(missing), unit="run", desc="simulating", disable=not missing, mininterval=0.5
+        ) as bar:
 
             def store(index: int, outcome: np.ndarray | Failure) -> None:
                 run = missing[index]

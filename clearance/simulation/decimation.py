@@ -101,7 +101,9 @@ def forward_output(sums: Any, row: int, value: Any, residues: Any, direct: float
     """What the present and the past contribute to a decimated sample."""
     output = value * direct
     for i in range(residues.shape[1]):
-        output = output + get(sums, row + 2 * i) * residues[0, i] - get(sums, row + 2 * i + 1) * residues[1, i]
+        output = (
+            output + get(sums, row + 2 * i) * residues[0, i] - get(sums, row + 2 * i + 1) * residues[1, i]
+        )
     return output
 
 

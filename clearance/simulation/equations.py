@@ -174,7 +174,18 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
             slider_sine, slider_cosine = sine_cosine(get(s, State.SLIDER_ANGLE))
         slider_speed = get(s, State.SLIDER_SPEED)
         force_cx, force_cy, moment, slider_moment, penetration, rate, normal, remembered = _joint(
-            codes, p, JOINT_STRIDE, memory, ex, ey, vx, vy, rod_speed, slider_speed, slider_sine, slider_cosine
+            codes,
+            p,
+            JOINT_STRIDE,
+            memory,
+            ex,
+            ey,
+            vx,
+            vy,
+            rod_speed,
+            slider_speed,
+            slider_sine,
+            slider_cosine,
         )
         rod_moment = rod_moment + moment
         put(r, Result.PENETRATION_C, penetration)
@@ -206,7 +217,9 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
         spin2 = crank_moment * crank_speed * crank_speed
         mass = get(p, Parameter.CRANK_MASS)
         stiffness, damping = get(p, Parameter.FRAME_STIFFNESS), get(p, Parameter.FRAME_DAMPING)
-        frame_fx = spin2 * cosine + mass * gravity_x + force_bx - stiffness * frame_x - damping * frame_vx - load
+        frame_fx = (
+            spin2 * cosine + mass * gravity_x + force_bx - stiffness * frame_x - damping * frame_vx - load
+        )
         frame_fy = spin2 * sine + mass * gravity_y + force_by - stiffness * frame_y - damping * frame_vy
     slider_fx = load - force_cx + get(p, Parameter.SLIDER_MASS) * gravity_x
     slider_fy = -force_cy + get(p, Parameter.SLIDER_MASS) * gravity_y

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clearance.mechanism.parameters import JOINT_STRIDE, PARAMETERS, Family, Parameter
+from clearance.mechanism.frame import FlexibleFrame
+from clearance.mechanism.parameters import JOINT_STRIDE, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.integrator import Integrator
 from clearance.simulation.layout import RESULTS, SIGNALS, STATES, Result, State
@@ -50,23 +51,46 @@ class Trajectory:
         return self.states[:, State.TIME]
 
     def kinetic_energy(self) -> np.ndarray:
-        """(samples,) of all bodies [J]; the rod's bending is not counted."""
-        p, s = self.machine.parameters(), self.states
-        crank = s[:, State.CRANK_SPEED] ** 2 / p[Parameter.CRANK_INVERSE_INERTIA]
-        rod = p[Parameter.ROD_MASS] * (s[:, State.ROD_X_RATE] ** 2 + s[:, State.ROD_Y_RATE] ** 2)
-        rod = rod + s[:, State.ROD_SPEED] ** 2 / p[Parameter.ROD_INVERSE_INERTIA]
-        slider = self.machine.slider.mass * (s[:, State.SLIDER_X_RATE] ** 2 + s[:, State.SLIDER_Y_RATE] ** 2)
-        slider = slider + self.machine.slider.inertia * s[:, State.SLIDER_SPEED] ** 2
-        return 0.5 * (crank + rod + slider)
+        """(samples,) of all bodies [J]; the rod's rotation is counted as if it were straight."""
+        machine, p, s = self.machine, self.machine.parameters(), self.states
+        frame_x, frame_y = s[:, State.FRAME_X_RATE], s[:, State.FRAME_Y_RATE]
+        crank_speed, rod_speed = s[:, State.CRANK_SPEED], s[:, State.ROD_SPEED]
+        across = s[:, State.CRANK_COSINE] * frame_y - s[:, State.CRANK_SINE] * frame_x
+        energy = 0.5 * crank_speed**2 / p[Parameter.CRANK_INVERSE_INERTIA]
+        energy += p[Parameter.CRANK_MOMENT] * crank_speed * across
+        if isinstance(machine.frame, FlexibleFrame):
+            energy += 0.5 * (machine.frame.mass + machine.crank.mass) * (frame_x**2 + frame_y**2)
+        rod_x, rod_y = s[:, State.ROD_X_RATE], s[:, State.ROD_Y_RATE]
+        energy += 0.5 * machine.rod.mass * (rod_x**2 + rod_y**2) + 0.5 * machine.rod.inertia * rod_speed**2
+        across = s[:, State.ROD_COSINE] * rod_y - s[:, State.ROD_SINE] * rod_x
+        bending = s[:, State.ROD_MODE_RATE]
+        coupling = p[Parameter.ROD_MODE_COUPLING]
+        energy += machine.rod.mass * bending * (0.25 * bending + coupling * across)
+        slider = machine.slider
+        energy += 0.5 * slider.mass * (s[:, State.SLIDER_X_RATE] ** 2 + s[:, State.SLIDER_Y_RATE] ** 2)
+        return energy + 0.5 * slider.inertia * s[:, State.SLIDER_SPEED] ** 2
 
-    def contact_energy(self) -> np.ndarray:
-        """(samples,) stored in the contacts, 2/5 K d^2.5 [J]."""
-        p = self.machine.parameters()
-        energy = np.zeros(len(self.states))
+    def stored_energy(self) -> np.ndarray:
+        """(samples,) in contacts (2/5 K d^2.5), springs, bending, and height [J]."""
+        machine, p, s = self.machine, self.machine.parameters(), self.states
+        energy = np.zeros(len(s))
         for block, row in ((0, Result.PENETRATION_B), (JOINT_STRIDE, Result.PENETRATION_C)):
             depth = np.maximum(self.results[:, row], 0.0)
             energy += 0.4 * p[Parameter.JOINT_STIFFNESS + block] * depth**2.5
-        return energy
+        stretch = s[:, State.SLIDER_X] - s[:, State.FRAME_X] - p[Parameter.SPRING_FREE]
+        energy += 0.5 * p[Parameter.SPRING_STIFFNESS] * stretch**2
+        frame_x, frame_y = s[:, State.FRAME_X], s[:, State.FRAME_Y]
+        energy += 0.5 * p[Parameter.FRAME_STIFFNESS] * (frame_x**2 + frame_y**2)
+        energy += 0.25 * machine.rod.mass * p[Parameter.ROD_MODE_STIFFNESS] * s[:, State.ROD_MODE] ** 2
+        arm = p[Parameter.CRANK_MOMENT]
+        moment_x = machine.crank.mass * frame_x + arm * s[:, State.CRANK_COSINE]
+        moment_y = machine.crank.mass * frame_y + arm * s[:, State.CRANK_SINE]
+        bent = machine.rod.mass * p[Parameter.ROD_MODE_COUPLING] * s[:, State.ROD_MODE]
+        moment_x += machine.rod.mass * s[:, State.ROD_X] - bent * s[:, State.ROD_SINE]
+        moment_y += machine.rod.mass * s[:, State.ROD_Y] + bent * s[:, State.ROD_COSINE]
+        moment_x += machine.slider.mass * s[:, State.SLIDER_X]
+        moment_y += machine.slider.mass * s[:, State.SLIDER_Y]
+        return energy - machine.gravity[0] * moment_x - machine.gravity[1] * moment_y
 
     def contact_loss_power(self) -> np.ndarray:
         """(samples,) dissipated by the contacts' hysteresis [W]."""
@@ -103,11 +127,9 @@ def simulate_trajectory(
     states, results = np.zeros((samples, STATES)), np.zeros((samples, RESULTS))
     signals = np.zeros((samples, SIGNALS))
     start = rest_state(machine) if state is None else np.array(state, dtype=float)
-    parameters = machine.parameters()
-    assert parameters.shape == (PARAMETERS,)
     done = trace(
         machine.codes(),
-        parameters,
+        machine.parameters(),
         start,
         integrator.code,
         integrator.step,
@@ -119,9 +141,3 @@ def simulate_trajectory(
     )
     finite = bool(np.isfinite(states[done - 1, : State.TIME]).all() and np.isfinite(results[done - 1]).all())
     return Trajectory(machine, states[:done], results[:done], signals[:done], finite)
-
-
-def contact_state(trajectory: Trajectory, family: Family) -> np.ndarray:
-    """(samples,) whether a loose joint touches; ``family`` is ``JOINT_B`` or ``JOINT_C``."""
-    row = Result.PENETRATION_B if family == Family.JOINT_B else Result.PENETRATION_C
-    return trajectory.results[:, row] > 0.0

@@ -1,0 +1,144 @@
+"""Data sets survive kills, damage and strangers."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clearance.errors import InputError
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.recording.chain import MeasurementChain
+from clearance.recording.dataset import Dataset
+from clearance.recording.sensors import SensorChain
+from clearance.recording.synthesis import Campaign, ClearanceLocation
+from clearance.simulation.integrator import Integrator
+
+SMALL = Campaign(
+    SliderCrank(), ClearanceLocation("C", False, True), Integrator(), MeasurementChain(), SensorChain(),
+    runs=20, seed=5, duration=0.25, record_start=0.2,
+)  # fmt: skip
+
+
+def contents(dataset):
+    return np.stack([dataset.read(run) for run in dataset.available()])
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return SMALL.generate(tmp_path_factory.mktemp("whole") / "data")
+
+
+def test_a_data_set_holds_what_was_asked(whole):
+    assert whole.available().tolist() == list(range(20))
+    assert (whole.rate, whole.start_time, whole.samples) == (1e4, 0.2, 500)
+    assert whole.read(3, ("rod_c_axial",)).shape == (500, 1)
+    labels = whole.labels
+    assert np.all((labels["clearance_c"] > 0) & (labels["clearance_c"] < 1e-3))
+    assert np.all(labels["clearance_b"] == 0)
+    assert np.all((labels["speed"] > 500 * np.pi / 30) & (labels["speed"] < 1000 * np.pi / 30))
+
+
+def test_shards_fill_the_same_data_set_bit_for_bit(whole, tmp_path):
+    for part in (2, 1, 3):
+        sharded = SMALL.generate(tmp_path / "data", (part, 3), workers=1)
+    np.testing.assert_array_equal(contents(sharded), contents(whole))
+
+
+def test_a_larger_campaign_goes_on_with_the_same_runs(whole, tmp_path):
+    replace(SMALL, runs=7).generate(tmp_path / "data")
+    grown = SMALL.generate(tmp_path / "data")
+    np.testing.assert_array_equal(contents(grown), contents(whole))
+    np.testing.assert_array_equal(grown.labels["clearance_c"], whole.labels["clearance_c"])
+
+
+def test_what_is_missing_is_made_again_and_nothing_else(whole, tmp_path):
+    dataset = SMALL.generate(tmp_path / "data")
+    chunk = tmp_path / "data" / "signals" / "c"
+    kept = (chunk / "3" / "0" / "0").stat().st_mtime_ns
+    (chunk / "7" / "0" / "0").unlink()
+    assert dataset.missing().tolist() == [7]
+    again = SMALL.generate(tmp_path / "data")
+    np.testing.assert_array_equal(contents(again), contents(whole))
+    assert (chunk / "3" / "0" / "0").stat().st_mtime_ns == kept
+
+
+@pytest.mark.parametrize("damage", ["flip", "cut", "empty"])
+def test_a_damaged_chunk_is_found_and_named(tmp_path, damage):
+    dataset = replace(SMALL, runs=2).generate(tmp_path / "data")
+    chunk = tmp_path / "data" / "signals" / "c" / "1" / "0" / "0"
+    bytes_ = bytearray(chunk.read_bytes())
+    if damage == "flip":
+        bytes_[1000] ^= 1
+    chunk.write_bytes({"flip": bytes(bytes_), "cut": bytes(bytes_[:-50]), "empty": b""}[damage])
+    dataset.read(0)
+    with pytest.raises(InputError, match=r"run 1 is damaged.*signals/c/1/0/0"):
+        dataset.read(1)
+
+
+def test_other_settings_do_not_mix(tmp_path):
+    replace(SMALL, runs=1).generate(tmp_path / "data")
+    other = replace(SMALL, seed=6, integrator=Integrator(step=5e-6))
+    with pytest.raises(InputError, match=r"integrator\.step: 1e-05 there, 5e-06 here.*seed"):
+        other.generate(tmp_path / "data")
+
+
+def test_foreign_folders_are_refused(tmp_path):
+    with pytest.raises(InputError, match="not there"):
+        Dataset.open(tmp_path / "nothing")
+    (tmp_path / "foreign").mkdir()
+    (tmp_path / "foreign" / "zarr.json").write_text("{]")
+    with pytest.raises(InputError, match="not a data set"):
+        Dataset.open(tmp_path / "foreign")
+
+
+def test_a_failed_run_is_recorded_and_not_tried_again(tmp_path):
+    wild = replace(
+        SMALL, runs=3, integrator=Integrator(step=1e-3), chain=MeasurementChain(base_rate=1e3, decimation=1),
+        duration=3.0, record_start=0.5, clearance_range=(1e-4, 2e-4),
+    )  # fmt: skip
+    dataset = wild.generate(tmp_path / "data")
+    assert len(dataset.failures()) == 3
+    assert "joint C" in dataset.failures()[0]
+    assert dataset.missing().size == 0
+    assert dataset.available().size == 0
+
+
+def test_fresh_runs_are_new_at_each_epoch_and_belong_to_no_data_set(whole):
+    signals, labels = SMALL.fresh(3, epoch=0)
+    again, _ = SMALL.fresh(3, epoch=0)
+    later, later_labels = SMALL.fresh(3, epoch=1)
+    assert signals[0].shape == (500, 10)
+    np.testing.assert_array_equal(signals[1], again[1])
+    everything = np.concatenate([whole.labels["clearance_c"], labels[:, 1], later_labels[:, 1]])
+    assert len(np.unique(everything)) == len(everything)
+    assert not np.array_equal(signals[0], later[0])
+
+
+def test_a_killed_writer_loses_nothing_but_what_was_in_flight(whole, tmp_path):
+    program = (
+        "import sys; sys.path.insert(0, sys.argv[2])\n"
+        "from tests.recording.test_dataset import SMALL\n"
+        "from dataclasses import replace\n"
+        "replace(SMALL, duration=1.0, record_start=0.2, runs=48).generate(sys.argv[1], workers=1)\n"
+    )
+    root = os.fspath(os.path.abspath(os.path.join(os.path.dirname(__file__), "..", "..")))
+    writer = subprocess.Popen(
+        [sys.executable, "-c", program, str(tmp_path / "data"), root], stderr=subprocess.DEVNULL
+    )
+    folder = tmp_path / "data" / "signals" / "c"
+    deadline = time.time() + 120
+    while time.time() < deadline and not (folder.is_dir() and len(list(folder.iterdir())) > 3):
+        time.sleep(0.01)
+    writer.send_signal(signal.SIGKILL)
+    writer.wait()
+    campaign = replace(SMALL, duration=1.0, record_start=0.2, runs=48)
+    left = Dataset.open(tmp_path / "data").available()
+    assert left.size > 0
+    resumed = campaign.generate(tmp_path / "data")
+    uninterrupted = campaign.generate(tmp_path / "other")
+    np.testing.assert_array_equal(contents(resumed), contents(uninterrupted))
