@@ -18,9 +18,11 @@ def worn_surface(
     Args:
         p: parameter vector.
         block: offset of the joint's block.
-        ex: eccentricity in x [m]; likewise ``ey``.
+        ex: eccentricity in x [m].
+        ey: eccentricity in y [m].
         distance: magnitude of the eccentricity [m].
-        spin_sine: sine of the bearing's own angle; likewise ``spin_cosine``.
+        spin_sine: sine of the bearing's own angle.
+        spin_cosine: its cosine.
 
     Returns:
         Penetration [m] and the two components of the outward normal: d = (r - c)/s and

@@ -1,8 +1,8 @@
 """Which laws a compiled function is for: known when it runs, or already when it is compiled.
 
 The same source serves both. Given an array of codes, one compiled function runs any choice of laws: what the
-diagnosis needs, which tries many. Given a ``LawChoice``, the choice is part of the type, so that everything that
-is not active disappears at compile time: what large batches need.
+diagnosis needs, which tries many. Given a ``LawChoice``, the choice is part of the type, so that everything
+that is not active disappears at compile time: what large batches need.
 """
 
 from typing import Any

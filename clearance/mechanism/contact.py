@@ -1,8 +1,8 @@
 """Normal contact of journal and bearing.
 
 All laws share Hertz's stiffness and differ in one number, the hysteresis factor chi:
-F = K d^1.5 (1 + chi d'/d'_0), never negative, with d the penetration, d' its rate and d'_0 the approach speed at
-first touch. Choice of law and restitution are therefore one parameter.
+F = K d^1.5 (1 + chi d'/d'_0), never negative, with d the penetration, d' its rate and d'_0 the approach
+speed at first touch. Choice of law and restitution are therefore one parameter.
 """
 
 from dataclasses import dataclass
@@ -61,7 +61,7 @@ class ContactLaw:
 
 @dataclass(frozen=True)
 class LankaraniNikravesh(ContactLaw):
-    """chi = 3 (1 - e^2) / 4. Lankarani & Nikravesh 1990, J. Mech. Des. 112(3), 369-376. Valid for e near 1."""
+    """chi = 3 (1 - e^2) / 4, valid for e near 1. Lankarani & Nikravesh 1990, J. Mech. Des. 112, 369."""
 
     @property
     def hysteresis(self) -> float:

@@ -24,7 +24,7 @@ def drive_torque(p: Any, error: Any, integral: Any) -> Any:
 
 @kernel
 def ripple_torque(p: Any, angle: Any) -> Any:
-    """a cos(k theta + phase) [N m]."""
+    """A cos(k theta + phase) [N m]."""
     _, cosine = sine_cosine(get(p, Parameter.RIPPLE_ORDER) * angle + get(p, Parameter.RIPPLE_PHASE))
     return get(p, Parameter.RIPPLE_AMPLITUDE) * cosine
 

@@ -10,7 +10,7 @@ from clearance.mechanism.parameters import Family, Law, Parameter, require
 
 @kernel
 def smoothed_sign(speed: Any, smoothing_speed: Any) -> Any:
-    """v / sqrt(v^2 + v0^2): the direction of sliding, differentiable at rest."""
+    """V / sqrt(v^2 + v0^2): the direction of sliding, differentiable at rest."""
     return speed / square_root(speed * speed + smoothing_speed * smoothing_speed)
 
 

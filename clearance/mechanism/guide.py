@@ -11,7 +11,7 @@ from clearance.mechanism.parameters import Family, Law, Parameter, require
 
 @kernel
 def shoe_force(p: Any, height: Any, rate: Any) -> Any:
-    """Force of a loose guide on one end of the shoe [N], from its height above the guide line [m] and rate [m/s]."""
+    """Force of a loose guide on one end of the shoe [N], from the end's height [m] and its rate [m/s]."""
     side = where(height > 0.0, zero(height) + 1.0, zero(height) - 1.0)
     depth = absolute(height) - get(p, Parameter.GUIDE_GAP)
     push = get(p, Parameter.GUIDE_STIFFNESS) * depth + get(p, Parameter.GUIDE_DAMPING) * (side * rate)
@@ -44,7 +44,8 @@ class LooseGuide(Law):
     """Free travel across the guide; the shoe's two ends strike linear springs and dampers.
 
     Valid for tilts below a few degrees.
-    Reference: Flores, Ambrosio, Claro, Lankarani 2008, J. Comput. Nonlinear Dyn. 3, 011007 (translational joint).
+    Reference: Flores, Ambrosio, Claro, Lankarani 2008, J. Comput. Nonlinear Dyn. 3, 011007 (translational
+    joint).
 
     Attributes:
         gap: free travel on each side [m].

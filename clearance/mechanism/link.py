@@ -19,8 +19,8 @@ class RigidRod(Law):
 class FlexibleRod(Law):
     """First bending mode of a uniform rod between its pins, w(s, t) = eta(t) sin(pi s / L).
 
-    Modal mass m/2; the mode moves the rod's momentum by 2 m / pi per unit of eta. Valid for deflections far below
-    the rod's length and frequencies well above the crank's.
+    Modal mass m/2; the mode moves the rod's momentum by 2 m / pi per unit of eta. Valid for deflections far
+    below the rod's length and frequencies well above the crank's.
     Reference: Shabana, Dynamics of Multibody Systems, ch. 5 (floating frame, simply supported mode).
 
     Attributes:

@@ -1,7 +1,8 @@
 """The one vector of numbers and the one vector of codes that the compiled step reads.
 
 ``Parameter`` names each entry of the vector that a run carries; ``Family`` names each place where a law can
-be chosen. Both are documented here and nowhere else. A law writes its entries; only its own kernel reads them.
+be chosen. Both are documented here and nowhere else. A law writes its entries; only its own kernel reads
+them.
 """
 
 from collections.abc import Mapping
@@ -47,7 +48,7 @@ class Parameter(IntEnum):
     JOINT_WEAR_ORDER = auto()  # -, lobes around the bearing
     JOINT_WEAR_SINE = auto()  # -, of the wear's phase
     JOINT_WEAR_COSINE = auto()
-    SECOND_JOINT = JOINT_WEAR_COSINE + 11  # last entry of joint C
+    SECOND_JOINT = 40  # last entry of joint C: JOINT_STRIDE after the line above
     GUIDE_GAP = auto()  # m, free travel on each side
     GUIDE_STIFFNESS = auto()  # N/m
     GUIDE_DAMPING = auto()  # N s/m

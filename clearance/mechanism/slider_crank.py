@@ -75,8 +75,8 @@ class SliderCrank:
         reach = self.crank.length + abs(self.guide_offset)
         if self.rod.length <= reach:
             raise InputError(
-                f"mechanism.rod.length = {self.rod.length:g} m cannot turn: it must exceed crank length + offset "
-                f"= {reach:g} m; change mechanism.rod.length, mechanism.crank.length or mechanism.guide_offset"
+                f"mechanism.rod.length = {self.rod.length:g} m cannot turn: it must exceed crank length + "
+                f"offset = {reach:g} m; change mechanism.rod.length, .crank.length or .guide_offset"
             )
         require(self, -1.0, 1.0, guide_offset=self.guide_offset)
         if len(self.gravity) != 2:

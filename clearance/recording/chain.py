@@ -1,7 +1,7 @@
 """The measurement chain: what turns the machine's accelerations into a recording.
 
-Simulation, training, prediction and diagnosis share one declaration of it, because a recording compared with a
-prediction that went through another filter looks like missing physics.
+Simulation, training, prediction and diagnosis share one declaration of it, because a recording compared with
+a prediction that went through another filter looks like missing physics.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """Many runs on disk: one checksummed chunk a run, which several writers can fill and a kill cannot spoil.
 
-A Zarr (version 3) group with ``signals`` (runs, samples, channels) float32 and ``labels`` (runs, 3). A chunk is
-written to a temporary file and renamed, so that it is there whole or not at all; what is there is never written
-again. A run that failed leaves a small file in ``failures`` instead.
+A Zarr (version 3) group with ``signals`` (runs, samples, channels) float32 and ``labels`` (runs, 3). A chunk
+is written to a temporary file and renamed, so that it is there whole or not at all; what is there is never
+written again. A run that failed leaves a small file in ``failures`` instead.
 """
 
 import json
@@ -35,7 +35,8 @@ class Dataset:
 
     def __init__(self, path: Path, group: zarr.Group) -> None:
         self.path = path
-        self._signals: Any = group[_SIGNALS]
+        signals: Any = group[_SIGNALS]
+        self._signals = signals
         self._labels: Any = group[_LABELS]
         attributes: dict[str, Any] = dict(group.attrs)
         self.channels = tuple(attributes["channels"])
@@ -43,7 +44,7 @@ class Dataset:
         self.start_time = float(attributes["start_time"])
         self.fingerprint = str(attributes["fingerprint"])
         self.settings: dict[str, Any] = attributes["settings"]
-        self.runs, self.samples, _ = self._signals.shape
+        self.runs, self.samples, _ = signals.shape
 
     @classmethod
     def open(cls, path: str | Path) -> "Dataset":
@@ -98,7 +99,8 @@ class Dataset:
             if dataset.fingerprint != fingerprint:
                 differing = ", ".join(_differences(dataset.settings, settings)) or "the version of its layout"
                 raise InputError(
-                    f"dataset = {folder} was made with other settings ({differing}); choose another dataset= path"
+                    f"dataset = {folder} was made with other settings ({differing}); "
+                    "choose another dataset= path"
                 )
             if dataset.runs >= runs:
                 return dataset

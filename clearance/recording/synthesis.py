@@ -1,6 +1,7 @@
 """Simulated recordings: which machines run, and what their sensors write down.
 
-Run ``i`` of a campaign depends on the seed and on ``i`` alone, so that shards, resumed and larger campaigns agree.
+Run ``i`` of a campaign depends on the seed and on ``i`` alone, so that shards, resumed and larger campaigns
+agree.
 """
 
 from collections.abc import Callable, Sequence

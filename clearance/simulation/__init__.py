@@ -1,1 +1,1 @@
-"""How the machine moves: the equations of motion, the schemes that integrate them, and many runs in lockstep."""
+"""How the machine moves: equations of motion, schemes that integrate them, many runs in lockstep."""

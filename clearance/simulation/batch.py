@@ -58,7 +58,8 @@ class Sampling:
 
 
 Sink = Callable[[int, np.ndarray | Failure], None]
-"""Receives a run's index and its (samples, SIGNALS) float64 signals, valid during the call, or its failure."""
+"""Receives a run's index and its (samples, SIGNALS) float64 signals, valid during the call, or its
+failure."""
 
 
 def run_batch(

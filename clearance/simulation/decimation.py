@@ -1,9 +1,10 @@
 """Zero-phase low-pass filtering and decimation in the same pass as the simulation.
 
 A recursive filter run forwards and backwards has a two-sided impulse response that is a sum of decaying
-exponentials, g(n) = d [n=0] + sum_i c_i p_i^|n|. Each exponential is one complex running sum per direction, so that
-only one state a pole and decimated sample has to be kept for the backward direction, and the signal at full rate is
-never stored. Equivalent to ``scipy.signal.sosfiltfilt`` followed by decimation, away from a record's ends.
+exponentials, g(n) = d [n=0] + sum_i c_i p_i^|n|. Each exponential is one complex running sum per direction,
+so that only one state a pole and decimated sample has to be kept for the backward direction, and the signal
+at full rate is never stored. Equivalent to ``scipy.signal.sosfiltfilt`` followed by decimation, away from a
+record's ends.
 """
 
 from dataclasses import dataclass
@@ -24,8 +25,8 @@ class Decimation:
 
     Attributes:
         factor: samples at full rate for each decimated one.
-        weights: (4, poles, factor) weights of a block's samples in the running sums: forward real and imaginary,
-            backward real and imaginary.
+        weights: (4, poles, factor) weights of a block's samples in the running sums: forward real and
+            imaginary, backward real and imaginary.
         decay: (2, poles) a pole's power over one block, real and imaginary.
         residues: (2, poles) twice c_i, real and imaginary (conjugate pairs are counted once).
         rest: (2, poles) running sum of a constant signal of one, real and imaginary.
@@ -144,7 +145,7 @@ def absorb_block(
 
 @kernel
 def retreat(future: Any, slot: int, sums: Any, row: int, residues: Any, decay: Any) -> Any:
-    """One decimated sample backwards in time: update the backward sums, return what the future contributes."""
+    """Step the backward sums back by one decimated sample; return what the future contributes to it."""
     output = 0.0 * get(sums, row)
     for i in range(residues.shape[1]):
         re, im = get(sums, row + 2 * i), get(sums, row + 2 * i + 1)

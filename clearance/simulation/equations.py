@@ -3,11 +3,11 @@
 Kinematics -> gap -> normal force -> tangential force -> applied forces -> reactions of the ideal joints ->
 accelerations. Bodies are described in inertial coordinates, so that their mass matrix is (nearly) diagonal;
 the reactions of ideal joints follow from the condition that both sides of a joint accelerate alike (two
-equations a joint). ``project`` then removes what rounding and the scheme leave of the constraints: a constrained
-coordinate is computed from the free ones, never integrated.
+equations a joint). ``project`` then removes what rounding and the scheme leave of the constraints: a
+constrained coordinate is computed from the free ones, never integrated.
 
-All functions take one run (1-D arrays) or ``WIDTH`` runs (2-D arrays), see ``clearance.lanes``. ``codes`` chooses the
-laws (``Family``) and is the same for all lanes; ``p`` is the parameter vector.
+All functions take one run (1-D arrays) or ``WIDTH`` runs (2-D arrays), see ``clearance.lanes``. ``codes``
+chooses the laws (``Family``) and is the same for all lanes; ``p`` is the parameter vector.
 """
 
 from typing import Any
@@ -51,10 +51,14 @@ def _joint(
         p: parameter vector.
         block: offset of the joint's block.
         memory: approach speed at first touch, 0 while apart [m/s].
-        ex: eccentricity, journal centre minus bearing centre [m]; likewise ``ey``.
-        vx: its rate [m/s]; likewise ``vy``.
-        journal_spin: angular speed of the journal's body [rad/s]; likewise ``bearing_spin``.
-        bearing_sine: sine of the bearing's body angle; likewise ``bearing_cosine``.
+        ex: eccentricity in x, journal centre minus bearing centre [m].
+        ey: eccentricity in y [m].
+        vx: rate of ``ex`` [m/s].
+        vy: rate of ``ey`` [m/s].
+        journal_spin: angular speed of the journal's body [rad/s].
+        bearing_spin: angular speed of the bearing's body [rad/s].
+        bearing_sine: sine of the angle of the bearing's body.
+        bearing_cosine: its cosine.
 
     Returns:
         Force on the journal (x, y) [N], moment on the journal's and on the bearing's body about the centres
@@ -124,7 +128,8 @@ def _solve2(a: Any, b: Any, c: Any, x: Any, y: Any) -> Any:
 def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
     """Fill ``r`` (rows ``Result``) from the state ``s`` (rows ``State``, projected).
 
-    The rows from ``Result.FORCE_B_X`` on, which no scheme needs, are left out where ``r`` has no room for them.
+    The rows from ``Result.FORCE_B_X`` on, which no scheme needs, are left out where ``r`` has no room for
+    them.
     """
     # kinematics
     frame_x, frame_y = get(s, State.FRAME_X), get(s, State.FRAME_Y)
@@ -421,8 +426,8 @@ def project(codes: Any, p: Any, s: Any) -> None:
     """Compute the constrained coordinates and rates of ``s`` from the free ones, and the angles' sines.
 
     Free are: the frame where it is sprung; the crank's angle; of rod and slider what the joints leave. A rod
-    on an ideal joint takes its place from that joint; with both joints ideal and an ideal guide, the rod's angle
-    and the slider follow from the crank in closed form.
+    on an ideal joint takes its place from that joint; with both joints ideal and an ideal guide, the rod's
+    angle and the slider follow from the crank in closed form.
     """
     sine, cosine = sine_cosine(get(s, State.CRANK_ANGLE))
     put(s, State.CRANK_SINE, sine)
@@ -479,8 +484,8 @@ def project(codes: Any, p: Any, s: Any) -> None:
 def sense(codes: Any, p: Any, s: Any, r: Any, y: Any, row: int) -> None:
     """Write what ideal sensors feel (rows ``Signal``) into ``y`` from row ``row`` on.
 
-    Accelerometers feel acceleration minus gravity, in the axes of their body: axial from the link's first to its
-    second joint, transverse a quarter turn further.
+    Accelerometers feel acceleration minus gravity, in the axes of their body: axial from the link's first to
+    its second joint, transverse a quarter turn further.
     """
     gravity_x, gravity_y = get(p, Parameter.GRAVITY_X), get(p, Parameter.GRAVITY_Y)
     sine, cosine = get(s, State.CRANK_SINE), get(s, State.CRANK_COSINE)

@@ -1,7 +1,7 @@
 """Schemes that advance the state by one step; no physics here.
 
-Both take a step per lane, so that lanes in contact can take several short steps while the others take one long
-step and then stand still: what a lane does never depends on its neighbours.
+Both take a step per lane, so that lanes in contact can take several short steps while the others take one
+long step and then stand still: what a lane does never depends on its neighbours.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """The fixed layout of the state and of what one evaluation of the equations leaves behind.
 
-One layout serves every law: frame 2, crank 1, rod 3, slider 3, first rod mode 1, the drive's integral, and one
-contact memory a joint. A coordinate that no law frees is constrained: it follows from the others and costs
-nothing.
+One layout serves every law: frame 2, crank 1, rod 3, slider 3, first rod mode 1, the drive's integral, and
+one contact memory a joint. A coordinate that no law frees is constrained: it follows from the others and
+costs nothing.
 """
 
 from enum import IntEnum, auto
@@ -84,7 +84,7 @@ ACCELERATIONS = 10
 
 
 class Signal(IntEnum):
-    """Rows of what the machine's sensors would feel at one instant: ten accelerations, then other channels."""
+    """Rows of what ideal sensors show at one instant: ten accelerations, then the other channels."""
 
     CRANK_A_TRANSVERSE = 0
     CRANK_A_AXIAL = auto()

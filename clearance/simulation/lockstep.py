@@ -131,7 +131,7 @@ def run_lanes(
         finite = total * 0.0 == 0.0
         for i in range(STATES):
             put(saved, i, where(finite, get(s, i), get(saved, i)))
-        # backwards through the chunk just simulated, then through the one before it, whose future is now known
+        # backwards through the chunk just simulated, then through the one before, whose future is now known
         for c in range(channels):
             for i in range(2 * poles):
                 put(backward, c * 2 * poles + i, 0.0 * get(partial, 0))

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clearance.errors import InputError
-from clearance.mechanism import bearing, contact, drive, film, frame, friction, guide, link, load
+from clearance.mechanism import bearing, drive, film, frame, friction, guide, link, load
 from clearance.mechanism.contact import Flores, HuntCrossley, LankaraniNikravesh, normal_force
 from clearance.mechanism.joint import Joint
-from clearance.mechanism.parameters import Law, Parameter
+from clearance.mechanism.parameters import JOINT_STRIDE, Law, Parameter
 from clearance.mechanism.slider_crank import Link, SliderCrank
 
 FAMILY_FILES = (bearing, drive, film, frame, friction, guide, link, load)
@@ -110,3 +110,11 @@ def test_a_clearance_out_of_range_names_its_key():
 
 def test_every_entry_of_the_parameter_vector_is_distinct():
     assert len({int(entry) for entry in Parameter}) == len(Parameter.__members__)
+
+
+def test_joint_c_has_the_layout_of_joint_b():
+    assert Parameter.SECOND_JOINT == Parameter.JOINT_WEAR_COSINE + JOINT_STRIDE
+    assert JOINT_STRIDE == Parameter.JOINT_WEAR_COSINE - Parameter.JOINT_CLEARANCE + 1
+    p = SliderCrank(joint_b=Joint(1e-4), joint_c=Joint(3e-4)).parameters()
+    assert p[Parameter.JOINT_CLEARANCE] == 1e-4
+    assert p[Parameter.JOINT_CLEARANCE + JOINT_STRIDE] == 3e-4

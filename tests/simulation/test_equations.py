@@ -38,11 +38,9 @@ def closed_form(machine, angle, speed, acceleration):
     c = b + length * (rod_acceleration[:, None] * n(rod) - rod_speed[:, None] ** 2 * u(rod))
     dot = lambda x, y: np.sum(x * y, axis=1)  # noqa: E731
     zero = np.zeros_like(angle)
-    return np.stack(
-        [zero, zero, dot(b, n(angle)), dot(b, u(angle)), dot(b, n(rod)), dot(b, u(rod))]
-        + [dot(c, n(rod)), dot(c, u(rod)), c[:, 1], c[:, 0]],
-        axis=1,
-    )
+    crank = [zero, zero, dot(b, n(angle)), dot(b, u(angle))]
+    ends = [dot(b, n(rod)), dot(b, u(rod)), dot(c, n(rod)), dot(c, u(rod))]
+    return np.stack([*crank, *ends, c[:, 1], c[:, 0]], axis=1)
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.02])

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-import scipy_model
-from scipy_model import Machine, ideal_kinematics, rebound
 
 from clearance.errors import InputError
 from clearance.simulation import natural_coordinates as natural
 from clearance.simulation.natural_coordinates import NaturalState, nominal_parameters, simulate
+from tests.simulation import scipy_model
+from tests.simulation.scipy_model import Machine, ideal_kinematics, rebound
 
 CASES = {
     "none": {},
