@@ -1,4 +1,4 @@
-"""Estimate the clearance of recordings: ``python -m clearance.predict checkpoint=RUN 'recordings=[a.parquet]'``."""
+"""Estimate clearances: ``python -m clearance.predict checkpoint=RUN 'recordings=[a.parquet]'``."""
 
 import logging
 import sys
@@ -50,8 +50,8 @@ def estimate_file(gauge: Gauge, path: Path) -> Estimate:
     missing = [name for name in gauge.channels if name not in recording.channels]
     if missing:
         raise InputError(
-            f"{path}: lacks the channels {missing}: the model reads {list(gauge.channels)}; name them in the YAML "
-            "beside the file, or train with sensors that are there"
+            f"{path}: lacks the channels {missing}: the model reads {list(gauge.channels)}; name them in the "
+            "YAML beside the file, or train with sensors that are there"
         )
     try:
         return gauge.estimate(recording.select(gauge.channels).values, recording.rate)

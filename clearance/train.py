@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 
 @command("train")
 def main(cfg: DictConfig) -> float | None:
-    """Make or read the data, train, calibrate on the test recordings, judge, save; return the validation NMAE."""
+    """Prepare the data, train, calibrate on the test recordings, judge, save; return the validation NMAE."""
     config: Any = OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
     run = RunFolder.open(Path(cfg.folder), config, cfg.seed)
     if run.finished and cfg.resume:

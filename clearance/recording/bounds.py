@@ -7,6 +7,8 @@ from numbers import Real
 
 from clearance.errors import InputError
 
+MOST_SAMPLES = 100_000_000  # a column: 0.8 GB; a damaged header may claim anything
+
 
 def bounded(value: object, key: str, low: float, high: float, unit: str = "") -> float:
     """Return `value` as a number in [low, high], or say which key to change.
@@ -37,3 +39,16 @@ def listing(names: Iterable[str], limit: int = 12) -> str:
     everything = [str(name) for name in names]
     shown = ", ".join(everything[:limit])
     return f"{shown} and {len(everything) - limit} more" if len(everything) > limit else shown or "none"
+
+
+def require_size(samples: int) -> None:
+    """Refuse a column that no memory is meant to hold."""
+    if samples > MOST_SAMPLES:
+        raise InputError(f"{samples} samples are too many; at most {MOST_SAMPLES}, cut the file")
+
+
+def shape_refusal(shape: tuple[int, ...] | None) -> str:
+    """Return why an array of this shape is no column, or nothing if it is; MATLAB's vectors are."""
+    if shape is None or sum(length > 1 for length in shape) != 1:
+        return f"has shape {shape}, not one dimension with at least 2 samples"
+    return ""

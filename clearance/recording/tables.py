@@ -10,9 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -21,12 +19,12 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from clearance.errors import InputError
-from clearance.recording.bounds import listing
+from clearance.recording.bounds import MOST_SAMPLES, listing, require_size, shape_refusal
+from clearance.recording.hdf5 import SIGNATURE, datasets
 from clearance.recording.matlab import variables
 
-MOST_SAMPLES = 100_000_000  # a column: 0.8 GB; a damaged header may claim anything
 HEADER_BYTES = 2**20
-_MAT_NUMBERS = {"double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
+MATLAB_BLOCK = 512
 
 
 @dataclass(frozen=True)
@@ -75,15 +73,10 @@ def _one_line(label: str) -> Iterator[None]:
         ) from error
 
 
-def _require_size(samples: int) -> None:
-    if samples > MOST_SAMPLES:
-        raise InputError(f"{samples} samples are too many; at most {MOST_SAMPLES}, cut the file")
-
-
 def read_parquet(path: Path) -> Table:
     """Return the columns of a Parquet file; a field's metadata may state its unit."""
     with pq.ParquetFile(path, page_checksum_verification=True) as file:
-        _require_size(file.metadata.num_rows)
+        require_size(file.metadata.num_rows)
         schema = file.schema_arrow
         names = [entry.name for entry in schema]
         _require_distinct(names)
@@ -134,7 +127,7 @@ def read_csv(path: Path) -> Table:
             column_types={name: pa.string() for name in names}, strings_can_be_null=True, null_values=[""]
         ),
     )
-    _require_size(table.num_rows)
+    require_size(table.num_rows)
     columns: dict[str, NDArray[np.float64]] = {}
     refused: dict[str, str] = {}
     for name in names:
@@ -174,54 +167,22 @@ def _first_text(raw: pa.ChunkedArray, text: pa.ChunkedArray) -> str:
 
 def read_hdf5(path: Path) -> Table:
     """Return every dataset that is a row of numbers, by its path; its attribute `unit` may state its unit."""
-    columns: dict[str, NDArray[np.float64]] = {}
-    refused: dict[str, str] = {}
-    units: dict[str, str] = {}
-
-    def visit(name: str, node: Any) -> None:
-        # MATLAB keeps the contents of its cells and strings under #refs#.
-        if not isinstance(node, h5py.Dataset) or name.startswith("#"):
-            return
-        reason = _hdf5_refusal(node)
-        if reason:
-            refused[name] = reason
-            return
-        _require_size(node.size)
-        columns[name] = np.asarray(node[()], dtype=np.float64).reshape(-1)
-        stated = node.attrs.get("unit", node.attrs.get("units"))
-        if isinstance(stated, str | bytes):
-            units[name] = stated.decode() if isinstance(stated, bytes) else stated
-
-    with h5py.File(path, "r") as file:
-        file.visititems(visit)  # follows neither soft nor external links
-    return Table(columns, refused, strict=False, units=units)
-
-
-def _hdf5_refusal(node: h5py.Dataset) -> str:
-    kind = node.attrs.get("MATLAB_class", b"double")
-    if node.dtype.kind not in "fiu" or kind not in {name.encode() for name in _MAT_NUMBERS}:
-        return "does not hold plain numbers"
-    if node.is_virtual or node.external:
-        return "keeps its data in another file"
-    return _shape_refusal(node.shape)
-
-
-def _shape_refusal(shape: tuple[int, ...] | None) -> str:
-    if shape is None or sum(length > 1 for length in shape) != 1:
-        return f"has shape {shape}, not one dimension with at least 2 samples"
-    return ""
+    found = datasets(path)
+    return Table(found.columns, found.refused, strict=False, units=found.units)
 
 
 def read_mat(path: Path) -> Table:
     """Return the numeric vectors of a MATLAB file, version 5 to 7.3."""
-    if h5py.is_hdf5(path):
-        return read_hdf5(path)
+    with path.open("rb") as file:
+        # Version 7.3 is HDF5 behind a block of MATLAB's own.
+        if SIGNATURE in (file.read(len(SIGNATURE)), file.read(MATLAB_BLOCK)[-len(SIGNATURE) :]):
+            return read_hdf5(path)
     columns: dict[str, NDArray[np.float64]] = {}
     refused: dict[str, str] = {}
     for variable in variables(path.read_bytes(), 8 * MOST_SAMPLES):
         if variable.values is None:
             refused[variable.name] = variable.refusal
-        elif reason := _shape_refusal(variable.shape):
+        elif reason := shape_refusal(variable.shape):
             refused[variable.name] = reason
         elif variable.name in columns:
             raise InputError(f"the variable {variable.name!r} occurs more than once; save the file again")

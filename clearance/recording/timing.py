@@ -43,7 +43,7 @@ def stamp_resolution(stamps: FloatArray) -> FloatArray:
     single = stamps.astype(np.float32)
     if np.array_equal(single.astype(np.float64), stamps):
         binary = np.spacing(np.abs(single)).astype(np.float64)
-    exponents = np.zeros(len(stamps), dtype=int)
+    exponents = np.full(len(stamps), -400)  # zero has no leading digit: its last one is the column's
     nonzero = magnitude > 0.0
     exponents[nonzero] = np.floor(np.log10(magnitude[nonzero])).astype(int)
     finest, digits = 0, 1

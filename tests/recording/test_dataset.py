@@ -1,11 +1,11 @@
 """Data sets survive kills, damage and strangers."""
 
-import os
 import signal
 import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -126,7 +126,7 @@ def test_a_killed_writer_loses_nothing_but_what_was_in_flight(whole, tmp_path):
         "from dataclasses import replace\n"
         "replace(SMALL, duration=1.0, record_start=0.2, runs=48).generate(sys.argv[1], workers=1)\n"
     )
-    root = os.fspath(os.path.abspath(os.path.join(os.path.dirname(__file__), "..", "..")))
+    root = str(Path(__file__).resolve().parents[2])
     writer = subprocess.Popen(
         [sys.executable, "-c", program, str(tmp_path / "data"), root], stderr=subprocess.DEVNULL
     )

@@ -1,4 +1,5 @@
-"""The fast equations against the paper's own formulation, an independent integration, and a golden trajectory."""
+"""The fast equations against the paper's own formulation, an independent integration, and a golden
+trajectory."""
 
 import json
 from pathlib import Path
@@ -28,7 +29,8 @@ def fast_machine(b, c, **changes):
 @pytest.mark.parametrize("joints", CLEARANCES)
 @pytest.mark.parametrize("awkward", [False, True])
 def test_the_papers_formulation_and_the_fast_one_take_the_same_steps(joints, awkward):
-    """Same scheme, same step: what differs is rounding, which impacts amplify: sooner with two loose joints."""
+    """Same scheme, same step: what differs is rounding, which impacts amplify: sooner with two loose
+    joints."""
     duration = 0.012 if joints == "both" else 0.06
     b, c = CLEARANCES[joints]
     speed = 600.0 * np.pi / 30
@@ -48,24 +50,34 @@ def test_the_papers_formulation_and_the_fast_one_take_the_same_steps(joints, awk
     np.testing.assert_allclose(
         fast.signals[:, :10], slow.accelerations, atol=(1e-4 if joints == "both" else 1e-5) * scale
     )
-    np.testing.assert_allclose(fast.results[:, Result.DRIVE_TORQUE], slow.drive_torque, atol=1e-6)
+    np.testing.assert_allclose(
+        fast.results[:, Result.DRIVE_TORQUE], slow.drive_torque, atol=1e-3 if joints == "both" else 1e-6
+    )
 
 
 @pytest.mark.parametrize("joints", ["none", "B", "C"])
 def test_agrees_with_an_independent_integration(joints):
-    """Maximal coordinates, multipliers, SciPy's DOP853 from touch to parting: nothing in common but the physics."""
+    """Maximal coordinates, multipliers, SciPy's DOP853 from touch to parting: nothing in common but the
+    physics."""
     c = max(CLEARANCES[joints])
     times = np.linspace(0.0, 0.04, 401)
     machine = scipy_model.Machine(joints, clearance=c, speed=600.0 * np.pi / 30, ramp=0.1)
     coordinates, velocities, accelerations, _ = scipy_model.integrate(machine, times, 1e-10)
-    run = simulate_trajectory(
-        fast_machine(*CLEARANCES[joints]), Integrator("runge_kutta_4", 1e-6), 0.0401, every=100
-    )
     expected = scipy_model.channels(machine, coordinates, velocities, accelerations)
     scale = expected.std(axis=0).max()
-    error = run.signals[: len(times), :10] - expected
-    assert np.sqrt(np.mean(error**2)) < 1e-3 * scale
-    np.testing.assert_allclose(run.states[: len(times), State.CRANK_ANGLE], coordinates[:, 2], atol=1e-7)
+
+    def error(step):
+        scheme = Integrator("runge_kutta_4", step)
+        run = simulate_trajectory(fast_machine(*CLEARANCES[joints]), scheme, 0.0401, every=round(1e-4 / step))
+        np.testing.assert_allclose(run.states[: len(times), State.CRANK_ANGLE], coordinates[:, 2], atol=1e-7)
+        return np.sqrt(np.mean((run.signals[: len(times), :10] - expected) ** 2)) / scale
+
+    if joints == "none":
+        assert error(1e-5) < 1e-6
+    else:  # touch falls between steps, which costs the scheme its order: the error is halved with the step
+        coarse, fine = error(1e-6), error(2.5e-7)
+        assert coarse < 0.01
+        assert fine < 0.5 * coarse
 
 
 LAWS = [LankaraniNikravesh, HuntCrossley, Flores]
@@ -101,7 +113,7 @@ def golden_run():
         paper.nominal_parameters(0.0, 1e-4, 600.0 * np.pi / 30, ramp_time=0.1), 1e-5, 0.1, 500
     )
     return {
-        "source": "clearance.simulation.natural_coordinates, semi-implicit Euler, h = 1e-5 s, c = 0.1 mm at C",
+        "source": "clearance.simulation.natural_coordinates, semi-implicit Euler, h = 1e-5 s, 0.1 mm at C",
         "regenerate": "python -m tests.simulation.test_formulations",
         "crank_angle": run.crank_angle.tolist(),
         "slider_position": run.slider_position.tolist(),

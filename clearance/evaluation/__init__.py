@@ -1,0 +1,1 @@
+"""How good an estimate is: the metrics of the paper, and pictures."""

@@ -1,0 +1,56 @@
+"""Pictures of a model's errors, drawn without a display."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+_POINT: dict[str, Any] = {"s": 6, "alpha": 0.35, "linewidths": 0}
+
+
+def predicted_against_true(estimate: np.ndarray, truth: np.ndarray, title: str) -> Figure:
+    """Estimates over true clearances, (windows,) [m] each, with the line on which they agree."""
+    figure = _figure(5, 5)
+    axes = figure.add_subplot()
+    axes.scatter(truth * 1e3, estimate * 1e3, **_POINT)
+    ends = [0.0, max(float(truth.max()), float(estimate.max())) * 1e3]
+    axes.plot(ends, ends, color="black", linewidth=1, label="agreement")
+    axes.set(xlabel="true clearance [mm]", ylabel="predicted clearance [mm]", title=title)
+    axes.legend()
+    return figure
+
+
+def error_against_clearance_and_speed(
+    estimate: np.ndarray, truth: np.ndarray, speed: np.ndarray, title: str
+) -> Figure:
+    """Errors over clearance [m] and over crank speed [rad/s], (windows,) each, with binned medians."""
+    figure = _figure(9, 4)
+    error = np.abs(estimate - truth) * 1e6
+    panels = ((truth * 1e3, "true clearance [mm]"), (speed * 30 / np.pi, "crank speed [rpm]"))
+    for place, (value, label) in enumerate(panels, start=1):
+        axes = figure.add_subplot(1, 2, place)
+        known = np.isfinite(value)
+        axes.scatter(value[known], error[known], **_POINT)
+        centres, medians = _binned_median(value[known], error[known])
+        axes.plot(centres, medians, color="black", marker="o", markersize=4, linewidth=1, label="median")
+        axes.set(xlabel=label, ylabel="absolute error [µm]", yscale="log")
+        axes.legend()
+    figure.suptitle(title)
+    return figure
+
+
+def _binned_median(value: np.ndarray, error: np.ndarray, bins: int = 10) -> tuple[np.ndarray, np.ndarray]:
+    if len(value) == 0:
+        return np.empty(0), np.empty(0)
+    edges = np.linspace(value.min(), value.max(), bins + 1)
+    place = np.clip(np.digitize(value, edges) - 1, 0, bins - 1)
+    filled = np.unique(place)
+    return (edges[filled] + edges[filled + 1]) / 2, np.array([np.median(error[place == b]) for b in filled])
+
+
+def _figure(width: float, height: float) -> Figure:
+    # Without pyplot: no global list of figures, nothing to close.
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=110)
+    FigureCanvasAgg(figure)
+    return figure

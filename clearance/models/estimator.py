@@ -1,0 +1,35 @@
+"""What `train` and `predict` need of any model, neural or shallow."""
+
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from clearance.models.run_folder import RunFolder
+from clearance.windows.datamodule import WindowData
+from clearance.windows.window_set import WindowSet
+
+
+class Estimator(Protocol):
+    """Maps scaled windows to scaled clearances."""
+
+    @property
+    def parameters(self) -> int:
+        """Numbers that training has set: weights, or nodes of trees."""
+        ...
+
+    def fit(self, data: WindowData, run: RunFolder) -> float:
+        """Train on the training windows, choosing by the validation windows; return the seconds it took."""
+        ...
+
+    def predict(self, windows: WindowSet) -> np.ndarray:
+        """Scaled clearances (windows,), float64."""
+        ...
+
+    def save(self, folder: Path) -> None:
+        """Write what ``load`` needs, atomically and as plain data."""
+        ...
+
+    def load(self, folder: Path) -> None:
+        """Become what was saved; runs no code from the files."""
+        ...

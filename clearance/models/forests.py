@@ -1,0 +1,189 @@
+"""Ensembles of trees on flattened windows (paper, Sections 3.1 and 4.3, Table 4)."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xgboost
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
+from sklearn.ensemble import RandomForestRegressor
+
+from clearance.errors import InputError
+from clearance.models.run_folder import RunFolder, write_atomically
+from clearance.windows.datamodule import WindowData
+from clearance.windows.window_set import WindowSet
+
+_ROWS = 2048  # windows at a time: bounds the memory to 2048 x trees nodes
+
+
+@dataclass(frozen=True)
+class Trees:
+    """Binary trees as plain arrays: what a file of numbers can hold, and a few lines can evaluate.
+
+    All arrays are (nodes,), the trees one after another; a leaf is its own child on both sides.
+    """
+
+    left: np.ndarray
+    right: np.ndarray
+    feature: np.ndarray
+    threshold: np.ndarray  # of the feature; not above it goes left
+    value: np.ndarray  # of a leaf
+    roots: np.ndarray  # (trees,) first node of each
+    depth: np.ndarray  # (1,) of the deepest
+
+    @classmethod
+    def of(cls, forest: RandomForestRegressor) -> "Trees":
+        """Copy a fitted forest."""
+        trees = [tree.tree_ for tree in forest.estimators_]
+        roots = np.cumsum([0] + [tree.node_count for tree in trees])
+        children = []
+        for side in ("children_left", "children_right"):
+            parts = [getattr(t, side) + root for t, root in zip(trees, roots[:-1], strict=True)]
+            leaf = np.concatenate([t.children_left < 0 for t in trees])
+            children.append(np.where(leaf, np.arange(roots[-1]), np.concatenate(parts)))
+        return cls(
+            left=children[0],
+            right=children[1],
+            feature=np.concatenate([np.maximum(t.feature, 0) for t in trees]),
+            threshold=np.concatenate([t.threshold for t in trees]),
+            value=np.concatenate([t.value[:, 0, 0] for t in trees]),
+            roots=roots[:-1],
+            depth=np.array([max(t.max_depth for t in trees)]),
+        )
+
+    def __post_init__(self) -> None:
+        nodes = len(self.value)
+        for name in ("left", "right", "roots"):
+            index = getattr(self, name)
+            if index.dtype != np.int64 or index.size == 0 or index.min() < 0 or index.max() >= nodes:
+                raise ValueError(f"{name} does not point at nodes")
+
+    def predict(self, rows: np.ndarray) -> np.ndarray:
+        """Mean of the trees for (windows, features)."""
+        return np.concatenate(
+            [self._predict(part) for part in np.array_split(rows, -(-len(rows) // _ROWS) or 1)]
+        )
+
+    def _predict(self, rows: np.ndarray) -> np.ndarray:
+        node = np.repeat(self.roots[None, :], len(rows), axis=0)  # (windows, trees)
+        window = np.arange(len(rows))[:, None]
+        for _ in range(int(self.depth[0])):
+            goes_left = rows[window, self.feature[node]] <= self.threshold[node]
+            node = np.where(goes_left, self.left[node], self.right[node])
+        return self.value[node].mean(axis=1)
+
+
+class RandomForest:
+    """Random forest, equation (10).
+
+    A forest is not resumed after a kill: it starts anew, and gives the same trees.
+
+    Args:
+        trees: Number of trees.
+        depth: Largest depth.
+        features: Share of the features that each split considers; 1.0 is the paper's library default.
+        jobs: Processes; -1 takes all cores.
+    """
+
+    def __init__(self, trees: int = 100, depth: int = 20, features: float = 1.0, jobs: int = -1) -> None:
+        self._settings = {"n_estimators": trees, "max_depth": depth, "max_features": features, "n_jobs": jobs}
+        self.trees: Trees
+
+    @property
+    def parameters(self) -> int:
+        """Nodes of all trees."""
+        return len(self.trees.value)
+
+    def fit(self, data: WindowData, run: RunFolder) -> float:
+        """Grow the trees on the training windows; nothing is chosen on validation windows."""
+        windows = data.training_windows()
+        begin = time.perf_counter()
+        forest = RandomForestRegressor(**self._settings, random_state=run.seed)
+        self.trees = Trees.of(forest.fit(windows.flattened(), windows.target.numpy()))
+        return time.perf_counter() - begin
+
+    def predict(self, windows: WindowSet) -> np.ndarray:
+        """Mean of the trees."""
+        return self.trees.predict(windows.flattened())
+
+    def save(self, folder: Path) -> None:
+        """Write ``model.safetensors``: the trees' arrays."""
+        write_atomically(folder / "model.safetensors", lambda file: save_file(vars(self.trees), file))
+
+    def load(self, folder: Path) -> None:
+        """Read ``model.safetensors``."""
+        path = folder / "model.safetensors"
+        try:
+            self.trees = Trees(**load_file(path))
+        except (OSError, SafetensorError, TypeError, ValueError) as error:
+            raise InputError(f"{path}: not a random forest ({error}); set checkpoint") from error
+
+
+class GradientBoosting:
+    """XGBoost, equation (11).
+
+    Args:
+        rounds: Number of trees.
+        depth: Largest depth.
+        learning_rate: Weight of each tree [-].
+        device: ``cpu`` or ``cuda``.
+    """
+
+    def __init__(
+        self, rounds: int = 300, depth: int = 20, learning_rate: float = 0.01, device: str = "cpu"
+    ) -> None:
+        self._rounds = rounds
+        self._settings = {
+            "max_depth": depth,
+            "learning_rate": learning_rate,
+            "device": device,
+            "tree_method": "hist",
+        }
+        self.model: xgboost.Booster
+
+    @property
+    def parameters(self) -> int:
+        """Nodes of all trees."""
+        return sum(tree.count("\n") for tree in self.model.get_dump())
+
+    def fit(self, data: WindowData, run: RunFolder) -> float:
+        """Add the trees one by one; the validation loss of each is logged and chooses nothing."""
+        train, validation = data.training_windows(), data.validation_windows()
+        begin = time.perf_counter()
+        matrices = {
+            name: xgboost.DMatrix(part.flattened(), part.target.numpy())
+            for name, part in (("train", train), ("val", validation))
+        }
+        history: dict[str, dict[str, list[float]]] = {}
+        self.model = xgboost.train(
+            {**self._settings, "seed": run.seed},
+            matrices["train"],
+            self._rounds,
+            evals=[(matrix, name) for name, matrix in matrices.items()],
+            evals_result=history,
+            verbose_eval=False,
+        )
+        for name, curve in history.items():
+            for step, value in enumerate(curve["rmse"]):
+                run.logger.log_metrics({f"{name}/rmse": float(value)}, step)
+        return time.perf_counter() - begin
+
+    def predict(self, windows: WindowSet) -> np.ndarray:
+        """Sum of the trees."""
+        return self.model.predict(xgboost.DMatrix(windows.flattened())).astype(np.float64)
+
+    def save(self, folder: Path) -> None:
+        """Write ``model.ubj``, XGBoost's own format of numbers."""
+        write_atomically(folder / "model.ubj", lambda file: file.write_bytes(self.model.save_raw("ubj")))
+
+    def load(self, folder: Path) -> None:
+        """Read ``model.ubj``."""
+        path = folder / "model.ubj"
+        self.model = xgboost.Booster()
+        try:
+            self.model.load_model(bytearray(path.read_bytes()))
+        except (OSError, xgboost.core.XGBoostError) as error:
+            reason = str(error).strip().splitlines()[0]
+            raise InputError(f"{path}: not an XGBoost model ({reason}); set checkpoint") from error

@@ -1,0 +1,115 @@
+"""One clearance of a recording from its windows, with an interval that holds a stated share of the time.
+
+Split conformal prediction with normalised scores, by recording: a recording is one exchangeable unit, its
+windows are not. Reference: Lei et al. 2018, J. Am. Stat. Assoc. 113(523), 1094-1111, Sections 2 and 5.2.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from clearance.errors import InputError
+
+
+def robust_mean(values: np.ndarray) -> float:
+    """Mean of the middle half of (windows,) values: a few odd windows do not move it."""
+    ordered = np.sort(values)
+    cut = len(ordered) // 4
+    return float(ordered[cut : len(ordered) - cut].mean())
+
+
+def spread(values: np.ndarray) -> float:
+    """Robust standard deviation of (windows,) values, from the median absolute deviation."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))  # 1.4826: normal distribution
+
+
+@dataclass(frozen=True)
+class ConformalInterval:
+    """Point estimate plus and minus ``quantile * (floor + spread of the windows)``.
+
+    The quantile depends on how many windows a recording has: the estimate of a short one is less certain. It
+    is tabulated for 1, 2, 4 ... windows, and a recording takes the entry at or below its own number.
+
+    Attributes:
+        coverage: Share of recordings whose interval holds the truth [-].
+        floor: Median error of the validation recordings [m].
+        windows: Numbers of windows in the table.
+        quantiles: Of the normalised scores at each; None where too few recordings support the coverage.
+        limit: Largest clearance that the model can be asked about [m].
+    """
+
+    coverage: float
+    floor: float
+    windows: tuple[int, ...]
+    quantiles: tuple[float | None, ...]
+    limit: float
+
+    @classmethod
+    def calibrate(
+        cls,
+        validation: Sequence[tuple[np.ndarray, float]],
+        calibration: Sequence[tuple[np.ndarray, float]],
+        coverage: float = 0.9,
+        limit: float = 1e-3,
+    ) -> "ConformalInterval":
+        """Calibrate.
+
+        Args:
+            validation: Windows' estimates (windows,) [m] and true clearance [m] of recordings that set the
+                floor; they must not be among those of ``calibration``.
+            calibration: The same of recordings that neither training nor the choice of an epoch has seen.
+            coverage: Wanted share [-].
+            limit: Largest clearance [m].
+        """
+        if not 0 < coverage < 1:
+            raise InputError(f"interval.coverage={coverage}: must be between 0 and 1; set interval.coverage")
+        errors = [abs(robust_mean(estimates) - truth) for estimates, truth in validation]
+        floor = max(float(np.median(errors)), 1e-6 * limit)  # an exact model still gets an interval
+        most = min(len(estimates) for estimates, _ in calibration)
+        table = [2**k for k in range(most.bit_length()) if 2**k < most] + [most]
+        quantiles = [
+            conformal_quantile(
+                np.array([_score(_middle(e, n), truth, floor) for e, truth in calibration]), coverage
+            )
+            for n in table
+        ]
+        return cls(coverage, floor, tuple(table), tuple(quantiles), limit)
+
+    def bounds(self, estimates: np.ndarray) -> tuple[float, float]:
+        """Low and high end [m] for a recording whose windows gave ``estimates`` (windows,) [m]."""
+        place = max(int(np.searchsorted(self.windows, len(estimates), side="right")) - 1, 0)
+        quantile = self.quantiles[place]
+        if quantile is None:
+            return 0.0, self.limit
+        centre, width = robust_mean(estimates), quantile * (self.floor + spread(estimates))
+        # A clearance is never negative: cutting there costs no coverage.
+        return max(centre - width, 0.0), max(centre + width, 0.0)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, content: dict[str, Any]) -> "ConformalInterval":
+        """Inverse of ``to_json``."""
+        return cls(
+            **{**content, "windows": tuple(content["windows"]), "quantiles": tuple(content["quantiles"])}
+        )
+
+
+def conformal_quantile(scores: np.ndarray, coverage: float) -> float | None:
+    """The ceil((n + 1) coverage)-th smallest of n scores; None where n is too small for any finite one."""
+    rank = math.ceil((len(scores) + 1) * coverage - 1e-9)  # 1e-9: round-off must not add a rank
+    return float(np.sort(scores)[rank - 1]) if rank <= len(scores) else None
+
+
+def _score(estimates: np.ndarray, truth: float, floor: float) -> float:
+    return abs(robust_mean(estimates) - truth) / (floor + spread(estimates))
+
+
+def _middle(values: np.ndarray, count: int) -> np.ndarray:
+    start = (len(values) - count) // 2
+    return values[start : start + count]

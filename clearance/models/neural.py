@@ -1,0 +1,179 @@
+"""Networks as estimators: training with early stopping, resumption, and weights as plain arrays."""
+
+import logging
+import warnings
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import lightning as L
+import numpy as np
+import torch
+from lightning.pytorch.callbacks import (
+    EarlyStopping,
+    LearningRateMonitor,
+    ModelCheckpoint,
+    Timer,
+    TQDMProgressBar,
+)
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import nn
+from torch.optim import Optimizer
+from torchmetrics import MetricCollection
+
+from clearance.errors import InputError
+from clearance.models.processor import efficient_processor
+from clearance.models.regressor import Regressor
+from clearance.models.run_folder import RunFolder, write_atomically
+from clearance.models.schedule import Schedule
+from clearance.windows.datamodule import WindowData
+from clearance.windows.window_set import WindowSet
+
+log = logging.getLogger(__name__)
+_PREDICTED_AT_ONCE = 512  # windows: bounds the memory of activations
+
+
+@dataclass
+class Training:
+    """How any network is trained; an option of ``trainer``."""
+
+    loss: nn.Module
+    optimizer: Callable[[Iterable[nn.Parameter]], Optimizer]
+    schedule: Schedule
+    epochs: int = 200
+    patience: int = 20  # epochs without a better validation loss
+    monitor: str = "val/loss"  # chooses the epoch whose weights are kept
+    precision: str = "32-true"  # of Lightning: bf16-mixed computes products in 16 bits
+    accelerator: str = "auto"
+    threads: int | None = None  # of the processor; null takes all that this process may use, 8 at most
+    progress: bool = True
+
+    def __post_init__(self) -> None:
+        if self.epochs < 1 or self.patience < 1:
+            raise InputError(
+                f"trainer.epochs={self.epochs}, trainer.patience={self.patience}: both must be 1 or more; "
+                "set trainer.epochs and trainer.patience"
+            )
+
+
+class NeuralEstimator:
+    """A network, how it is trained, and afterwards its best weights.
+
+    Args:
+        net: Makes the network from the numbers of channels and of time steps.
+        training: Loss, optimiser, schedule and stopping.
+        metrics: In metres, reported on the validation windows every epoch.
+        gradient_clip: Largest norm of the gradient, or None.
+    """
+
+    def __init__(
+        self,
+        net: Callable[[int, int], nn.Module],
+        training: Training,
+        metrics: MetricCollection,
+        gradient_clip: float | None = None,
+    ) -> None:
+        self._make, self._training, self._metrics, self._clip = net, training, metrics, gradient_clip
+        self._shape = (0, 0)  # channels, time steps
+        self.net: nn.Module
+
+    @property
+    def parameters(self) -> int:
+        """Number of weights."""
+        return sum(p.numel() for p in self.net.parameters())
+
+    def fit(self, data: WindowData, run: RunFolder) -> float:
+        """Train until the validation loss stops falling, or go on from the last checkpoint of ``run``."""
+        plan = self._training
+        L.seed_everything(run.seed, verbose=False)
+        torch.backends.cudnn.deterministic, torch.backends.cudnn.benchmark = True, False
+        self._build(len(data.channels), data.windows.length)
+        module = Regressor(
+            self.net, plan.loss, plan.optimizer, plan.schedule, self._metrics, data.scalers.target
+        )  # fmt: skip
+        best = ModelCheckpoint(run.checkpoints, "best", monitor=plan.monitor, enable_version_counter=False)
+        newest = ModelCheckpoint(run.checkpoints, "last", enable_version_counter=False)
+        timer = Timer(verbose=False)
+        callbacks = [
+            EarlyStopping(plan.monitor, patience=plan.patience),
+            timer,
+            best,
+            newest,
+            LearningRateMonitor("epoch"),
+        ]
+        if plan.progress:
+            callbacks.append(TQDMProgressBar(refresh_rate=10))
+        last = run.checkpoints / "last.ckpt"
+        if last.exists():
+            log.info("going on from %s", last)
+        with efficient_processor(plan.threads), warnings.catch_warnings():
+            _quiet()
+            trainer = L.Trainer(
+                accelerator=plan.accelerator,
+                devices=1,
+                precision=plan.precision,  # type: ignore[arg-type]
+                max_epochs=plan.epochs,
+                gradient_clip_val=self._clip,
+                callbacks=callbacks,
+                logger=run.logger,
+                enable_progress_bar=plan.progress,
+                enable_model_summary=False,
+                num_sanity_val_steps=0,
+                reload_dataloaders_every_n_epochs=1,
+                deterministic=True,
+                log_every_n_steps=1,
+            )
+            trainer.fit(module, datamodule=data, ckpt_path=last if last.exists() else None, weights_only=True)
+        if trainer.interrupted:
+            raise KeyboardInterrupt
+        weights = torch.load(best.best_model_path, map_location="cpu", weights_only=True)["state_dict"]
+        module.load_state_dict(weights)
+        log.info("best epoch: %s = %.6g", plan.monitor, best.best_model_score)
+        self.net = module.net.cpu().eval()
+        return float(timer.time_elapsed("train"))
+
+    def predict(self, windows: WindowSet) -> np.ndarray:
+        """Outputs in single precision, on the GPU where there is one."""
+        device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        net = self.net.to(device).eval()
+        outputs = []
+        with efficient_processor(self._training.threads), torch.inference_mode():
+            for index in torch.arange(len(windows)).split(_PREDICTED_AT_ONCE):
+                outputs.append(net(windows[index].signals.to(device)).float().cpu())
+        self.net.cpu()
+        return torch.cat(outputs).double().numpy() if outputs else np.empty(0)
+
+    def save(self, folder: Path) -> None:
+        """Write the weights to ``model.safetensors``."""
+        state = {name: value.contiguous() for name, value in self.net.state_dict().items()}
+        shape = {"channels": str(self._shape[0]), "length": str(self._shape[1])}
+        write_atomically(folder / "model.safetensors", lambda file: save_file(state, file, metadata=shape))
+
+    def load(self, folder: Path) -> None:
+        """Build the network and take the weights from ``model.safetensors``."""
+        path = folder / "model.safetensors"
+        try:
+            with safe_open(path, framework="pt") as file:
+                shape = file.metadata()
+                state = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
+            self._build(int(shape["channels"]), int(shape["length"]))
+            self.net.load_state_dict(state)
+        except (OSError, SafetensorError, RuntimeError, TypeError, KeyError, ValueError) as error:
+            raise InputError(f"{path}: not the weights of this model ({error}); set checkpoint") from error
+        self.net.eval()
+
+    def _build(self, channels: int, length: int) -> None:
+        self._shape = (channels, length)
+        self.net = self._make(channels=channels, length=length)  # type: ignore[call-arg]
+
+
+def _quiet() -> None:
+    """Silence advice that does not apply: data are in memory, and a folder that is resumed is not empty."""
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    for message in (
+        ".*does not have many workers.*",
+        ".*exists and is not empty.*",
+        ".*treespec.*LeafSpec.*",
+    ):
+        warnings.filterwarnings("ignore", message=message)

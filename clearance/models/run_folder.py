@@ -1,0 +1,118 @@
+"""The folder of one training: what is in it, written so that a kill leaves no half file."""
+
+import json
+import os
+import platform
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+from lightning.pytorch.loggers import TensorBoardLogger
+
+from clearance.errors import InputError
+
+CONFIG, METRICS = "config.yaml", "metrics.json"
+
+
+@dataclass
+class RunFolder:
+    """A folder, its TensorBoard events and the seed of what is trained in it."""
+
+    path: Path
+    seed: int
+    logger: TensorBoardLogger
+
+    @classmethod
+    def open(cls, path: Path, config: dict[str, Any], seed: int) -> "RunFolder":
+        """Open the folder of ``config``: the same one goes on where it stopped, another starts anew."""
+        path.mkdir(parents=True, exist_ok=True)
+        if read_yaml(path / CONFIG) != config:
+            shutil.rmtree(path / "checkpoints", ignore_errors=True)
+            (path / METRICS).unlink(missing_ok=True)
+        text = yaml.safe_dump(config, sort_keys=False)
+        write_atomically(path / CONFIG, lambda file: file.write_text(text, encoding="utf-8"))
+        return cls(path, seed, TensorBoardLogger(path, name="", version="", default_hp_metric=False))
+
+    @property
+    def checkpoints(self) -> Path:
+        """Where a training keeps what it needs to go on."""
+        return self.path / "checkpoints"
+
+    @property
+    def finished(self) -> bool:
+        """Whether the last file of a training is there."""
+        return (self.path / METRICS).exists()
+
+    def finish(self, metrics: dict[str, Any]) -> None:
+        """Write the metrics, the last file, and drop what only a resumption needs."""
+        write_json(self.path / METRICS, metrics)
+        shutil.rmtree(self.checkpoints, ignore_errors=True)
+        self.logger.finalize("success")
+
+
+def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
+    """Let ``write`` fill a neighbour of ``path``, then rename it: readers see the old file or the new one."""
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        write(temporary)
+        temporary.chmod(0o644)  # mkstemp makes files that only their owner can read
+        temporary.replace(path)
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror or error}); set the output folder"
+        ) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write plain data atomically; NaN and infinity are refused, since JSON has neither."""
+    text = json.dumps(content, indent=1, allow_nan=False)
+    write_atomically(path, lambda file: file.write_text(text + "\n", encoding="utf-8"))
+
+
+def read_json(path: Path) -> Any:
+    """Read plain data; a missing or foreign file is the user's error."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: not a readable file of a training ({error}); set checkpoint") from error
+
+
+def read_yaml(path: Path) -> dict[str, Any] | None:
+    """Read a configuration; None where there is none."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: not a readable configuration ({error}); set checkpoint") from error
+    return content if isinstance(content, dict) else None
+
+
+def environment() -> dict[str, Any]:
+    """Hardware and versions that a duration or a last digit depends on."""
+    packages = ("clearance", "torch", "lightning", "numpy", "scikit-learn")
+    return {
+        "processor": _processor(),
+        "threads": torch.get_num_threads(),
+        "gpu": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
+        "python": platform.python_version(),
+        "packages": {name: metadata.version(name) for name in packages},
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        return next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor()

@@ -1,0 +1,1 @@
+"""What a model sees: recordings with known clearances, cut, split and scaled."""

@@ -1,0 +1,304 @@
+"""Where recordings with known clearances come from: one class per ``data=`` option, one protocol.
+
+A source fills one array with all its recordings; later steps scale it in place and index it, so that a data
+set is in memory once: samples x channels x 4 bytes (1000 runs of 10 000 samples on 4 channels: 160 MB).
+"""
+
+import csv
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import yaml
+
+from clearance.errors import InputError
+from clearance.provenance import fingerprint
+from clearance.recording.channels import ACCELERATIONS
+from clearance.recording.dataset import LABELS, Dataset
+from clearance.recording.recording import Recording
+from clearance.recording.synthesis import Campaign
+from clearance.windows.splitting import RandomSplit, Split
+
+
+@dataclass
+class LabelledRecordings:
+    """Recordings end to end in one array, with what is known about each."""
+
+    channels: tuple[str, ...]
+    rate: float  # [Hz]
+    signals: np.ndarray  # (total samples, channels) float32 [channels' units]
+    lengths: np.ndarray  # (recordings,) [samples]
+    target: np.ndarray  # (recordings,) clearance [m]
+    speed: np.ndarray  # (recordings,) mean crank speed [rad/s], NaN where unknown
+    groups: np.ndarray  # (recordings,) equal numbers must stay on one side of a split
+    fingerprint: str  # changes when any of the data changes
+    offsets: np.ndarray = field(init=False)  # (recordings,) first sample in ``signals``
+
+    def __post_init__(self) -> None:
+        self.offsets = np.cumsum(self.lengths) - self.lengths
+
+    def recording(self, index: int) -> np.ndarray:
+        """View of one recording, (samples, channels)."""
+        start = self.offsets[index]
+        return self.signals[start : start + self.lengths[index]]
+
+
+class Source(Protocol):
+    """What a data module needs of any source."""
+
+    def prepare(self) -> None:
+        """Make what is missing; called once, before anything is read."""
+        ...
+
+    def load(self, channels: Sequence[str], target: str, limit: int) -> LabelledRecordings:
+        """Read ``channels`` and the label ``target`` of all recordings, in at most ``limit`` bytes."""
+        ...
+
+    def divide(self, recordings: LabelledRecordings, split: RandomSplit) -> Split:
+        """Indices of the recordings to train, validate and test with."""
+        ...
+
+    def refresh(self, recordings: LabelledRecordings, epoch: int) -> Sequence[int]:
+        """Replace recordings before training epoch ``epoch``; return the indices of those replaced."""
+        ...
+
+
+class FixedSource:
+    """A finite set, split at random and never refreshed."""
+
+    def prepare(self) -> None:
+        """Nothing to make."""
+
+    def divide(self, recordings: LabelledRecordings, split: RandomSplit) -> Split:
+        """By recording, at random."""
+        return split.divide(recordings.groups)
+
+    def refresh(self, recordings: LabelledRecordings, epoch: int) -> Sequence[int]:
+        """Nothing is replaced."""
+        return ()
+
+
+@dataclass
+class StoredSource(FixedSource):
+    """A data set on disk, written by ``python -m clearance.simulate``."""
+
+    path: str
+    start_time: float = 2.0  # [s] samples before it are left out: the start-up transient (paper, Section 4.2)
+    runs: int | None = None  # only the first so many
+
+    def load(self, channels: Sequence[str], target: str, limit: int) -> LabelledRecordings:
+        """Read every run that is stored and finite."""
+        return read_dataset(Dataset.open(self.path), channels, target, limit, self.start_time, self.runs)
+
+
+@dataclass
+class SimulatedSource(FixedSource):
+    """Runs that this command simulates first, kept under ``folder`` for the next that asks the same."""
+
+    simulation: Campaign
+    folder: str
+    start_time: float = 2.0  # [s]
+
+    def prepare(self) -> None:
+        """Simulate what is missing."""
+        self.simulation.generate(self._path)
+
+    def load(self, channels: Sequence[str], target: str, limit: int) -> LabelledRecordings:
+        """Read the runs asked for, even where the store has grown beyond them."""
+        return read_dataset(
+            Dataset.open(self._path), channels, target, limit, self.start_time, self.simulation.runs
+        )
+
+    @property
+    def _path(self) -> Path:
+        return Path(self.folder) / self.simulation.fingerprint
+
+
+@dataclass
+class StreamingSource:
+    """Freshly simulated training runs every epoch; validation and test runs stay the same.
+
+    Simulating is cheaper than training, so a training run need never be seen twice. Epochs -1 and -2 are the
+    validation and the test runs: no training epoch repeats them. A run that fails leaves its place to the run
+    that was there before.
+    """
+
+    simulation: Campaign
+    runs: int  # per epoch
+    held_out: int  # for validation, and as many for the test
+
+    def prepare(self) -> None:
+        """Nothing to make in advance."""
+
+    def load(self, channels: Sequence[str], target: str, limit: int) -> LabelledRecordings:
+        """Simulate the first epoch and the held-out runs."""
+        self._columns = _columns(channels, ACCELERATIONS, "simulation")
+        self._target, self._epoch = target, 0
+        samples = self.simulation.sampling.samples
+        check_memory((self.runs + 2 * self.held_out) * samples * len(channels) * 4, limit)
+        parts = [self._fresh(*part) for part in ((self.runs, 0), (self.held_out, -1), (self.held_out, -2))]
+        self._sizes = [len(signals) for signals, _ in parts]
+        signals = [signal for part, _ in parts for signal in part]
+        labels = np.concatenate([label for _, label in parts])
+        return LabelledRecordings(
+            channels=tuple(channels),
+            rate=self.simulation.chain.rate,
+            signals=np.concatenate(signals),
+            lengths=np.array([len(s) for s in signals]),
+            target=labels[:, _label_column(target)],
+            speed=labels[:, LABELS.index("speed")],
+            groups=np.arange(len(signals)),
+            fingerprint=f"stream-{self.simulation.fingerprint}",
+        )
+
+    def divide(self, recordings: LabelledRecordings, split: RandomSplit) -> Split:
+        """By order of simulation: the runs are independent draws already."""
+        return Split(*np.split(np.arange(len(recordings.lengths)), np.cumsum(self._sizes[:2])))
+
+    def refresh(self, recordings: LabelledRecordings, epoch: int) -> Sequence[int]:
+        """Overwrite the training runs in place."""
+        if epoch == self._epoch:
+            return ()
+        signals, labels = self._fresh(self.runs, epoch)
+        replaced = range(min(len(signals), self._sizes[0]))
+        for index in replaced:
+            recordings.recording(index)[:] = signals[index]
+        recordings.target[: len(replaced)] = labels[: len(replaced), _label_column(self._target)]
+        recordings.speed[: len(replaced)] = labels[: len(replaced), LABELS.index("speed")]
+        self._epoch = epoch
+        return replaced
+
+    def _fresh(self, runs: int, epoch: int) -> tuple[list[np.ndarray], np.ndarray]:
+        signals, labels = self.simulation.fresh(runs, epoch)
+        return [signal[:, self._columns] for signal in signals], labels
+
+
+@dataclass
+class MeasuredSource(FixedSource):
+    """Files of measured recordings and a list (YAML or CSV) of their known clearances.
+
+    Each entry of the list has ``path`` (relative to the list), the target's name with the clearance in
+    metres, and optionally ``speed`` [rad/s] and ``group``: recordings of one machine in one state share a
+    group and are never split.
+    """
+
+    path: str
+    read: Callable[[Path], Recording]  # clearance.recording.files.read
+
+    def load(self, channels: Sequence[str], target: str, limit: int) -> LabelledRecordings:
+        """Read every file of the list."""
+        entries = _entries(Path(self.path))
+        signals, rates = [], set()
+        digest, used = hashlib.sha256(), 0
+        for entry in entries:
+            file = Path(self.path).parent / str(entry["path"])
+            recording = self.read(file)
+            signals.append(recording.select(channels).values.astype(np.float32))
+            rates.add(float(recording.rate))
+            used += signals[-1].nbytes
+            check_memory(used, limit)
+            digest.update(signals[-1].tobytes())
+        if len(rates) != 1:
+            raise InputError(
+                f"{self.path}: recordings at {sorted(rates)} Hz: one common rate is needed; "
+                "set data.source.path"
+            )
+        clearances = np.array([_number(entry, target, self.path) for entry in entries])
+        digest.update(clearances.tobytes())
+        names = [str(entry.get("group") or number) for number, entry in enumerate(entries)]
+        return LabelledRecordings(
+            channels=tuple(channels),
+            rate=rates.pop(),
+            signals=np.concatenate(signals),
+            lengths=np.array([len(s) for s in signals]),
+            target=clearances,
+            speed=np.array([float(entry.get("speed") or "nan") for entry in entries]),
+            groups=np.unique(names, return_inverse=True)[1],
+            fingerprint=digest.hexdigest(),
+        )
+
+
+def read_dataset(
+    dataset: Dataset,
+    channels: Sequence[str],
+    target: str,
+    limit: int,
+    start_time: float,
+    runs: int | None = None,
+) -> LabelledRecordings:
+    """Read a stored data set into one array, run by run."""
+    _columns(channels, dataset.channels, "data set")
+    available = dataset.available()
+    if runs is not None:
+        available = available[available < runs]
+    skip = max(0, round((start_time - dataset.start_time) * dataset.rate))
+    samples = dataset.samples - skip
+    if samples < 1:
+        raise InputError(
+            f"data.source.start_time={start_time} s: the data set ends at "
+            f"{dataset.start_time + dataset.samples / dataset.rate} s; set data.source.start_time"
+        )
+    check_memory(len(available) * samples * len(channels) * 4, limit)
+    signals = np.empty((len(available), samples, len(channels)), dtype=np.float32)
+    for place, run in enumerate(available):
+        signals[place] = dataset.read(int(run), tuple(channels))[skip:]
+    return LabelledRecordings(
+        channels=tuple(channels),
+        rate=dataset.rate,
+        signals=signals.reshape(-1, len(channels)),
+        lengths=np.full(len(available), samples),
+        target=dataset.labels[LABELS[_label_column(target)]][available],
+        speed=dataset.labels["speed"][available],
+        groups=np.arange(len(available)),
+        fingerprint=fingerprint([dataset.fingerprint, available.tolist()]),
+    )
+
+
+def check_memory(size: int, limit: int) -> None:
+    """Refuse a data set that would not fit, before it is read."""
+    if size > limit:
+        raise InputError(
+            f"the recordings need {size / 2**30:.2f} GiB of memory: at most {limit / 2**30:.2f} GiB are "
+            "allowed; set data.memory_gib, or fewer runs or sensors"
+        )
+
+
+def _columns(channels: Sequence[str], present: Sequence[str], where: str) -> list[int]:
+    missing = [name for name in channels if name not in present]
+    if missing:
+        raise InputError(f"channels {missing} are not in the {where}, which has {list(present)}; set sensors")
+    return [list(present).index(name) for name in channels]
+
+
+def _label_column(target: str) -> int:
+    if target not in LABELS[:2]:
+        raise InputError(f"target={target}: must be one of {LABELS[:2]}; set target")
+    return LABELS.index(target)
+
+
+def _entries(path: Path) -> list[dict[str, Any]]:
+    try:
+        text = path.read_text(encoding="utf-8")
+        entries = list(csv.DictReader(text.splitlines())) if path.suffix == ".csv" else yaml.safe_load(text)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(
+            f"{path}: not a readable list of recordings ({error}); set data.source.path"
+        ) from error
+    if not (
+        isinstance(entries, list) and entries and all(isinstance(e, dict) and e.get("path") for e in entries)
+    ):
+        raise InputError(f"{path}: must be a list of entries, each with a path; set data.source.path")
+    return entries
+
+
+def _number(entry: dict[str, Any], key: str, path: str) -> float:
+    try:
+        value = float(entry[key])
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"{path}: {entry['path']} has no number {key} [m]; add it to the list") from None
+    if not (0 <= value < 1):
+        raise InputError(f"{path}: {entry['path']} has {key}={value}: must be 0 ... 1 m; correct the list")
+    return value

@@ -1,0 +1,63 @@
+"""Windows of recordings in memory, addressed in batches."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import Dataset
+
+
+class Batch(NamedTuple):
+    """Windows and what they should give."""
+
+    signals: Tensor  # (batch, time, channel) scaled
+    target: Tensor  # (batch,) scaled
+
+
+@dataclass
+class WindowSet(Dataset[Batch]):
+    """First samples of windows on one array of recordings; windows are copied only when asked for."""
+
+    signals: Tensor  # (total samples, channels) float32, scaled
+    starts: Tensor  # (windows,) int64, first sample of each window in ``signals``
+    recording: Tensor  # (windows,) int64, index of the window's recording
+    target: Tensor  # (windows,) float32, scaled
+    length: int  # [samples]
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def __getitem__(self, index: Tensor) -> Batch:
+        """Windows of a whole batch by one indexing operation."""
+        rows = self.starts[index][:, None] + torch.arange(self.length)
+        return Batch(self.signals[rows], self.target[index])
+
+    def flattened(self) -> np.ndarray:
+        """All windows as rows (windows, time * channel): what a forest reads."""
+        windows = self.signals.unfold(0, self.length, 1)[self.starts]  # (windows, channel, time)
+        return windows.transpose(1, 2).flatten(1).numpy()
+
+    @property
+    def channels(self) -> int:
+        """Number of channels."""
+        return self.signals.shape[1]
+
+
+class BatchOrder:
+    """Lists of window indices, a list per batch; shuffled from a seed or in order."""
+
+    def __init__(self, windows: int, batch_size: int, seed: tuple[int, int] | None = None) -> None:
+        self._windows, self._batch_size, self._seed = windows, batch_size, seed
+
+    def __len__(self) -> int:
+        return -(-self._windows // self._batch_size)
+
+    def __iter__(self) -> Iterator[Tensor]:
+        order = np.arange(self._windows)
+        if self._seed is not None:
+            np.random.default_rng(self._seed).shuffle(order)
+        for start in range(0, self._windows, self._batch_size):
+            yield torch.from_numpy(order[start : start + self._batch_size])

@@ -1,0 +1,66 @@
+import json
+
+import numpy as np
+import pytest
+
+from clearance.errors import InputError
+from clearance.models.gauge import Gauge
+from tests.models.conftest import configured
+
+
+@pytest.fixture
+def trained(make_data, open_run):
+    data = make_data(runs=60, samples=600)
+    estimator = configured("xgboost")
+    estimator.fit(data, open_run())
+    return Gauge.calibrate(estimator, data, coverage=0.8, false_rejection=0.05, limit=1e-3), data
+
+
+def test_a_saved_gauge_reads_the_same(trained, tmp_path, chirps):
+    gauge, _ = trained
+    gauge.save(tmp_path)
+    again = Gauge.load(configured("xgboost"), tmp_path)
+    fresh = chirps(5, 600, seed=9).load(("a", "b"), "clearance_c", 2**30)
+    for index in range(5):
+        one = gauge.estimate(fresh.recording(index), 1e4)
+        assert again.estimate(fresh.recording(index), 1e4) == one
+        assert one.low_m <= one.clearance_m <= one.high_m
+        assert one.windows == 10
+
+
+def test_a_recording_is_scaled_as_in_training(trained):
+    gauge, data = trained
+    index = int(data.parts.test[0])
+    scaled = data.recordings.recording(index)
+    scaler = data.scalers.signals
+    raw = scaled * np.array(scaler.deviation) + np.array(scaler.mean)
+    windows = data.test_windows()
+    expected = data.scalers.target.inverse(gauge.estimator.predict(windows))[
+        windows.recording.numpy() == index
+    ]
+    # Scaling back and forth costs the last bits of single precision, which may move a sample past a split.
+    assert gauge.estimate(raw, 1e4).spread_m == pytest.approx(
+        1.4826 * np.median(np.abs(expected - np.median(expected))), rel=0.2, abs=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("signals", "rate", "words"),
+    [
+        (np.zeros((600, 2)), 5e3, "5000 Hz"),
+        (np.zeros((59, 2)), 1e4, "59 samples: at least 60"),
+        (np.full((600, 2), np.nan), 1e4, "NaN"),
+    ],
+)
+def test_an_unusable_recording_is_refused(trained, signals, rate, words):
+    with pytest.raises(InputError, match=words):
+        trained[0].estimate(signals, rate)
+
+
+def test_a_damaged_calibration_is_refused(trained, tmp_path):
+    trained[0].save(tmp_path)
+    content = json.loads((tmp_path / "calibration.json").read_text())
+    del content["interval"]["floor"]
+    (tmp_path / "calibration.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match="set checkpoint"):
+        Gauge.load(configured("xgboost"), tmp_path)

@@ -1,0 +1,131 @@
+import numpy as np
+import pytest
+import torch
+
+from clearance.errors import InputError
+from tests.models.conftest import CONF, NEURAL, SMALL, configured
+
+
+class Killed(Exception):
+    pass
+
+
+def test_every_model_is_tested():
+    assert {path.stem for path in (CONF / "model").glob("*.yaml")} == set(SMALL)
+
+
+def net_of(model, channels=2, length=60):
+    torch.manual_seed(0)
+    estimator = configured(model)
+    estimator._build(channels, length)
+    return estimator.net
+
+
+@pytest.mark.parametrize("model", NEURAL)
+def test_one_number_a_window_and_a_gradient_in_every_weight(model):
+    net = net_of(model)
+    output = net(torch.randn(5, 60, 2))
+    assert output.shape == (5,)
+    output.sum().backward()
+    for name, weight in net.named_parameters():
+        assert weight.grad is not None, name
+        assert weight.grad.abs().sum() > 0, name
+
+
+@pytest.mark.parametrize("model", NEURAL)
+def test_one_batch_can_be_learnt_by_heart(model):
+    net = net_of(model)
+    signals, target = torch.randn(8, 60, 2), torch.linspace(0.1, 0.9, 8)
+    optimizer = torch.optim.Adam(net.parameters(), 1e-2)
+    for _ in range(300):
+        loss = torch.nn.functional.mse_loss(net(signals), target)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        if loss < 1e-3:
+            break
+    assert loss < 1e-3  # the targets' variance is 0.07
+
+
+@pytest.mark.parametrize("model", SMALL)
+def test_the_same_seed_gives_the_same_model_and_a_saved_model_the_same_answers(
+    model, make_data, open_run, tmp_path
+):
+    answers = []
+    for name, seed in (("one", 42), ("two", 42), ("three", 43)):
+        data = make_data()
+        estimator = configured(model)
+        estimator.fit(data, open_run(name, seed))
+        answers.append(estimator.predict(data.test_windows()))
+        assert estimator.parameters > 0
+        if name == "one":
+            estimator.save(tmp_path)
+            again = configured(model)
+            again.load(tmp_path)
+            assert np.array_equal(again.predict(data.test_windows()), answers[0])
+    assert answers[0].shape == (len(data.test_windows()),)
+    assert np.array_equal(answers[0], answers[1])
+    if model != "xgboost":  # draws nothing at random
+        assert not np.array_equal(answers[0], answers[2])
+
+
+@pytest.mark.parametrize("model", SMALL)
+def test_a_foreign_file_is_refused(model, tmp_path):
+    for name in ("model.safetensors", "model.ubj"):
+        (tmp_path / name).write_bytes(b"not a model" * 50)
+    with pytest.raises(InputError, match="set checkpoint"):
+        configured(model).load(tmp_path)
+
+
+@pytest.mark.parametrize("model", ["lstm", "tcn"])
+def test_a_killed_training_goes_on_to_the_same_weights(model, make_data, open_run):
+    whole = configured(model, "trainer.epochs=4")
+    data = make_data()
+    whole.fit(data, open_run("whole"))
+
+    interrupted = make_data()
+    plain = interrupted.train_dataloader
+
+    def killed():
+        if interrupted.trainer.current_epoch == 2:
+            raise Killed
+        return plain()
+
+    interrupted.train_dataloader = killed
+    run = open_run("killed")
+    with pytest.raises(Killed):
+        configured(model, "trainer.epochs=4").fit(interrupted, run)
+    assert (run.checkpoints / "last.ckpt").exists()
+    resumed = configured(model, "trainer.epochs=4")
+    resumed.fit(make_data(), run)
+    for name, weight in whole.net.state_dict().items():
+        assert torch.equal(weight, resumed.net.state_dict()[name]), name
+
+
+def test_training_stops_when_validation_does_not_improve(make_data, open_run):
+    estimator = configured(
+        "lstm",
+        "trainer.epochs=50",
+        "trainer.patience=2",
+        "trainer.optimizer.lr=0",
+        "trainer.monitor=val/loss",
+    )
+    run = open_run()
+    estimator.fit(make_data(), run)
+    last = torch.load(run.checkpoints / "last.ckpt", weights_only=True)
+    assert last["epoch"] == 2  # the first epoch is best, two more are not better
+
+
+def test_fold_must_divide_the_window():
+    with pytest.raises(InputError, match=r"model\.net\.fold=7"):
+        configured("lstm", "model.net.fold=7")._build(2, 60)
+
+
+def test_folding_keeps_every_sample():
+    net = net_of("lstm")
+    signals = torch.randn(1, 60, 2)
+    before = net(signals)
+    for step in range(0, 60, 7):
+        changed = signals.clone()
+        changed[0, step] += 1
+        assert not torch.equal(net(changed), before)
