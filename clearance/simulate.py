@@ -22,8 +22,12 @@ def _shard(text: str) -> tuple[int, int]:
 
 @command("simulate")
 def main(cfg: DictConfig) -> None:
-    """Simulate what the data set lacks and say what it holds."""
+    """Simulate what the data set lacks and say what it holds, or write recordings."""
     campaign = instantiate(cfg.campaign, _convert_="all")
+    if cfg.recordings:
+        paths = campaign.export(cfg.recordings, cfg.workers)
+        log.info("%d recordings in %s, from %s on", len(paths), cfg.recordings, paths[0].name)
+        return
     path = Path(cfg.dataset or f"outputs/datasets/{campaign.fingerprint}")
     dataset = campaign.generate(path, _shard(cfg.shard), cfg.workers)
     for run, reason in dataset.failures().items():

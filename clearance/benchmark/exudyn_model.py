@@ -1,27 +1,31 @@
 """The nominal mechanism in Exudyn, a general multibody code, with clearance in joint C.
 
-The same bodies, stiffness, hysteresis and drive as ``SliderCrank``; no Python function is called during the run:
+The same bodies, stiffness, hysteresis and drive as ``SliderCrank``, and no Python function called in the run:
 
-- the contact is Exudyn's sphere in a hollow sphere with its Hunt-Crossley law, whose restitution is set so that
-  its hysteresis factor 3/2 (1 - e) equals that of our law;
-- a proportional-integral law on the speed is a spring and a damper on the angle, here between the crank and a
-  flywheel so heavy that its speed is the reference speed.
+- the contact is Exudyn's sphere in a hollow sphere with its Hunt-Crossley law, whose restitution is set so
+  that its hysteresis factor 3/2 (1 - e) equals that of our law;
+- a proportional-integral law on the speed is a spring and a damper on the angle, here between the crank and
+  a flywheel so heavy that its speed is the reference speed.
 
-Reference: Gerstmayr 2024, Exudyn - a C++-based Python package for flexible multibody systems, Multibody Syst. Dyn.
+Reference: Gerstmayr 2023, Exudyn - a C++-based Python package for flexible multibody systems, Multibody Syst.
+Dyn. 60, 533-561.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
 from typing import Any
 
-import exudyn
-import exudyn.itemInterface as items
 import numpy as np
 
 from clearance.benchmark.measurement import Cost, measure
 from clearance.mechanism.contact import APPROACH_FLOOR
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.slider_crank import SliderCrank
+
+exudyn: Any = import_module("exudyn")  # its type stubs lack much of what it offers
+items: Any = import_module("exudyn.itemInterface")
 
 FLYWHEEL_INERTIA = 1e3  # kg m^2: a drive torque of 10 N m changes its speed by 0.01 rad/s in a second
 SAMPLING_PERIOD = 1e-4  # s, of the slider's acceleration
@@ -60,7 +64,7 @@ def _planar_bodies(system: Any, machine: SliderCrank) -> _Markers:
 
 
 def _joint_angles(system: Any, machine: SliderCrank) -> _Markers:
-    """A kinematic tree with two coordinates, the angles at A and B: no constraints, so explicit solvers work."""
+    """A kinematic tree with two coordinates, the angles at A and B; explicit solvers need no constraints."""
     links = (machine.crank, machine.rod)
     node = system.AddNode(
         items.NodeGenericODE2(
@@ -163,7 +167,9 @@ def simulate_with_exudyn(
         settings.timeIntegration.startTime, settings.timeIntegration.endTime = begin, end
         settings.timeIntegration.numberOfSteps = round((end - begin) / step)
         cost, _ = measure(
-            lambda: system.SolveDynamic(settings, solverType=solver, updateInitialValues=True, showHints=False)
+            partial(
+                system.SolveDynamic, settings, solverType=solver, updateInitialValues=True, showHints=False
+            )
         )
         wall, cpu = wall + cost.wall_s, cpu + cost.cpu_s
         samples.append(np.array(system.GetSensorStoredData(sensor)))
@@ -230,9 +236,9 @@ def _add_drive(system: Any, machine: SliderCrank, crank_angle: int) -> int:
 def _settings() -> Any:
     """One thread, a fixed step, no files, and a Newton iteration as loose as the results allow."""
     settings = exudyn.SimulationSettings()
-    settings.solutionSettings.writeSolutionToFile = False
-    settings.solutionSettings.sensorsWritePeriod = SAMPLING_PERIOD
-    settings.displayComputationTime = settings.displayStatistics = False
+    settings.solution.file.write = False
+    settings.solution.sensors.writePeriod = SAMPLING_PERIOD
+    settings.show.computationTime = settings.show.statistics = False
     settings.parallel.numberOfThreads = 1
     integration = settings.timeIntegration
     integration.verboseMode = 0

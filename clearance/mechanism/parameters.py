@@ -5,7 +5,7 @@ be chosen. Both are documented here and nowhere else. A law writes its entries; 
 them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from enum import IntEnum, auto
 from math import isfinite
@@ -118,20 +118,39 @@ class Law:
 
 
 def require(
-    owner: Any, low: float = 0.0, high: float = float("inf"), strict: bool = False, **named: float
+    owner: Any,
+    low: float = 0.0,
+    high: float = float("inf"),
+    strict: bool = False,
+    whole: bool = False,
+    **named: float,
 ) -> None:
-    """Check that numbers lie in [low, high] ((low, high] if ``strict``).
+    """Check that numbers lie in [low, high] ((low, high] if ``strict``) and are ``whole`` where they must.
 
     Raises:
         InputError: with the value, the allowed range and the configuration key.
     """
     for name, value in named.items():
-        where = f"{type(owner).__name__}.{name}"
+        where, change = f"{type(owner).__name__}.{name}", f"change the key that ends in {name!r}"
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(f"{where} = {value!r} is not a number")
+            raise InputError(f"{where} = {value!r} is not a number; {change}")
         if not isfinite(value) or value > high or value < low or (strict and value == low):
             bounds = f"{'(' if strict else '['}{low:g}, {high:g}{']' if isfinite(high) else ')'}"
-            raise InputError(f"{where} = {value:g} is outside {bounds}; change the key that ends in {name!r}")
+            raise InputError(f"{where} = {value:g} is outside {bounds}; {change}")
+        if whole and value != int(value):
+            raise InputError(f"{where} = {value:g} is not a whole number; {change}")
+
+
+def require_list(owner: Any, count: int, low: float, high: float, **named: Any) -> None:
+    """Check that each value is a list of ``count`` numbers in [low, high]."""
+    for name, values in named.items():
+        if isinstance(values, str) or not isinstance(values, Sequence) or len(values) != count:
+            raise InputError(
+                f"{type(owner).__name__}.{name} = {values!r} is not a list of {count} numbers; "
+                f"change the key that ends in {name!r}"
+            )
+        for value in values:
+            require(owner, low, high, **{name: value})
 
 
 def require_numbers(owner: Any) -> None:

@@ -16,7 +16,7 @@ from clearance.mechanism.guide import FrictionlessGuide, IdealGuide
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.link import RigidRod
 from clearance.mechanism.load import Idle, NoSpring
-from clearance.mechanism.parameters import FAMILIES, JOINT_STRIDE, PARAMETERS, Family, Law, Parameter, require
+from clearance.mechanism.parameters import FAMILIES, JOINT_STRIDE, PARAMETERS, Family, Law, Parameter, require, require_list
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,9 @@ class SliderCrank:
     frame: Law = field(default_factory=FixedFrame)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "gravity", tuple(self.gravity))
+        if self.sensor_positions is not None:
+            object.__setattr__(self, "sensor_positions", tuple(self.sensor_positions))
         reach = self.crank.length + abs(self.guide_offset)
         if self.rod.length <= reach:
             raise InputError(
@@ -79,15 +82,9 @@ class SliderCrank:
                 f"offset = {reach:g} m; change mechanism.rod.length, .crank.length or .guide_offset"
             )
         require(self, -1.0, 1.0, guide_offset=self.guide_offset)
-        if len(self.gravity) != 2:
-            raise InputError(
-                f"mechanism.gravity = {self.gravity} must be two numbers, [along x, along y] in m/s^2"
-            )
-        require(self, -1e3, 1e3, gravity_x=self.gravity[0], gravity_y=self.gravity[1])
-        if self.sensor_positions is not None and len(self.sensor_positions) != 4:
-            raise InputError(
-                "mechanism.sensor_positions must be four lengths: crank A, crank B, rod B, rod C [m]"
-            )
+        require_list(self, 2, -1e3, 1e3, gravity=self.gravity)
+        if self.sensor_positions is not None:
+            require_list(self, 4, -10.0, 10.0, sensor_positions=self.sensor_positions)
 
     @property
     def laws(self) -> tuple[Law, ...]:

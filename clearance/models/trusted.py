@@ -9,6 +9,8 @@ from torch.optim import Optimizer
 
 from clearance.errors import InputError
 
+_PACKAGES = ("mechanism", "simulation", "recording", "models", "evaluation")
+
 
 def instantiate_trusted(config: dict[str, Any], where: str) -> Any:
     """Instantiate ``config`` if each ``_target_`` in it is a class of this project, a layer or an optimiser.
@@ -22,8 +24,8 @@ def instantiate_trusted(config: dict[str, Any], where: str) -> Any:
     for target in _targets(config):
         if not _allowed(target):
             raise InputError(
-                f"{where}: names {target!r}: only classes of clearance.models, clearance.evaluation, "
-                "torch.nn and torch.optim are allowed; set checkpoint to a folder written by clearance.train"
+                f"{where}: names {target!r}: only this project's own classes, layers and optimisers "
+                "of torch.nn and torch.optim are allowed; set checkpoint to a folder written by clearance.train"
             )
     return instantiate(config)
 
@@ -47,7 +49,7 @@ def _allowed(target: Any) -> bool:
         found = getattr(importlib.import_module(module_name), name, None)
         return isinstance(found, type) and issubclass(found, nn.Module | Optimizer)
     parts = module_name.split(".")
-    if parts[:2] not in (["clearance", "models"], ["clearance", "evaluation"]) or len(parts) != 3:
+    if len(parts) != 3 or parts[0] != "clearance" or parts[1] not in _PACKAGES:
         return False
     try:
         found = getattr(importlib.import_module(module_name), name, None)

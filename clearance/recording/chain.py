@@ -37,12 +37,12 @@ class MeasurementChain:
 
     def __post_init__(self) -> None:
         require(self, 1e3, 1e7, base_rate=self.base_rate)
-        require(self, 1, 200, decimation=self.decimation)
-        require(self, 2, 12, filter_order=self.filter_order)
-        if self.filter_order % 2 or int(self.decimation) != self.decimation:
+        require(self, 1, 200, whole=True, decimation=self.decimation)
+        require(self, 2, 12, whole=True, filter_order=self.filter_order)
+        if self.filter_order % 2:
             raise InputError(
-                f"chain.filter_order = {self.filter_order} must be even and chain.decimation = "
-                f"{self.decimation} a whole number"
+                f"chain.filter_order = {self.filter_order} is odd: an even number is needed; "
+                "change chain.filter_order"
             )
         require(self, 0.0, 3.0, strict=True, ripple_db=self.ripple_db)
         require(self, 0.05, 0.95, cutoff=self.cutoff)

@@ -176,13 +176,13 @@ class Dataset:
     def write(self, run: int, signals: np.ndarray) -> None:
         """Store one run's (samples, channels) signals.
 
-        The same bytes as ``self._signals[run] = signals``, whose one writing thread costs all workers together
-        more than four times as much.
+        The same bytes as ``self._signals[run] = signals``, at half its processor time and without its single
+        writing thread (measured: 1.6 for 3.5 ms a run of 3 s).
         """
         values = np.ascontiguousarray(signals, dtype="<f4")
         if values.shape != (self.samples, len(self.channels)):
-            raise ValueError(f"signals of shape {values.shape} are not ({self.samples}, {len(self.channels)})")
-        content = values.reshape(-1).view(np.uint8)
+            raise ValueError(f"signals {values.shape} are not ({self.samples}, {len(self.channels)})")
+        content: Any = values.reshape(-1).view(np.uint8)  # Any: its stubs do not call an array a buffer
         chunk = self._chunk(run)
         chunk.parent.mkdir(parents=True, exist_ok=True)
         partial = chunk.with_name(f"0.{uuid4().hex}.partial")
@@ -224,7 +224,8 @@ class Dataset:
             Exception
         ) as error:  # a failed checksum or a truncated chunk: Zarr has no type of its own for either
             raise InputError(
-                f"run {run} is damaged ({error}): delete {self._chunk(run)} and repeat the simulate command that made it"
+                f"run {run} is damaged ({error}): delete {self._chunk(run)} and repeat the simulate command "
+                "that made it"
             ) from error
         if not np.isfinite(values).all():
             raise InputError(

@@ -15,12 +15,13 @@ from tqdm import tqdm
 
 from clearance.errors import InputError
 from clearance.mechanism.joint import CLEARANCE_RANGE
-from clearance.mechanism.parameters import require
+from clearance.mechanism.parameters import require, require_list
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import describe, fingerprint
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.channels import ACCELERATIONS, OTHER_CHANNELS
 from clearance.recording.dataset import Dataset
+from clearance.recording.files import write
 from clearance.recording.recording import Recording
 from clearance.recording.sensors import SensorChain
 from clearance.simulation.batch import Sampling, run_batch, simulate
@@ -71,17 +72,19 @@ class Campaign:
     record_start: float = 2.0
 
     def __post_init__(self) -> None:
-        require(self, 1, 10_000_000, runs=self.runs)
-        require(self, 0, 2**63, seed=self.seed)
+        for name in ("clearance_range", "speed_range"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        require(self, 1, 10_000_000, whole=True, runs=self.runs)
+        require(self, 0, 2**63, whole=True, seed=self.seed)
         require(self, 0.0, 3600.0, strict=True, duration=self.duration)
         require(self, 0.0, self.duration, record_start=self.record_start)
-        for name, (low, high), bounds in (
-            ("clearance_range", self.clearance_range, CLEARANCE_RANGE),
-            ("speed_range", self.speed_range, (1.0, 20_000.0)),
-        ):
-            if not bounds[0] <= low <= high <= bounds[1]:
+        require_list(self, 2, *CLEARANCE_RANGE, clearance_range=self.clearance_range)
+        require_list(self, 2, 1.0, 20_000.0, speed_range=self.speed_range)
+        for name in ("clearance_range", "speed_range"):
+            low, high = getattr(self, name)
+            if low > high:
                 raise InputError(
-                    f"{name} = [{low:g}, {high:g}] must lie in order within [{bounds[0]:g}, {bounds[1]:g}]"
+                    f"Campaign.{name} = [{low:g}, {high:g}] falls; change the key that ends in {name!r}"
                 )
 
     @property
@@ -130,9 +133,16 @@ class Campaign:
         ideal = Recording(signals[:, : len(ACCELERATIONS)], ACCELERATIONS, self.chain.rate, self.record_start)
         return self.sensors.apply(ideal, np.random.default_rng([self.seed, run, 1])).values
 
-    def recording(self, run: int) -> Recording:
-        """One run as a recording with all channels and the truth in its metadata."""
-        signals = simulate(self.machine(run), self.integrator, self.sampling)
+    def recording(self, run: int, signals: np.ndarray | None = None) -> Recording:
+        """One run as a recording with all channels and the truth in its metadata.
+
+        Args:
+            run: its number.
+            signals: (samples, 15) if they have been simulated already.
+        """
+        if signals is None:
+            signals = simulate(self.machine(run), self.integrator, self.sampling)
+        signals = signals.copy()
         signals[:, : len(ACCELERATIONS)] = self.observe(run, signals)
         clearance_b, clearance_c, speed = (float(value) for value in self.labels([run])[0])
         metadata = {
@@ -182,6 +192,24 @@ class Campaign:
 
             self._simulate(missing, store, workers)
         return dataset
+
+    def export(self, folder: str | Path, workers: int | None = None) -> list[Path]:
+        """Write every run as a Parquet recording with all channels: what a logger would have left.
+
+        Raises:
+            InputError: if a run becomes non-finite.
+        """
+        place = Path(folder)
+        place.mkdir(parents=True, exist_ok=True)
+        paths = [place / f"run-{run:06d}.parquet" for run in range(self.runs)]
+
+        def store(run: int, outcome: np.ndarray | Failure) -> None:
+            if isinstance(outcome, Failure):
+                raise InputError(f"run {run}: {outcome}")
+            write(self.recording(run, outcome), paths[run])
+
+        self._simulate(range(self.runs), store, workers)
+        return paths
 
     def fresh(self, runs: int, epoch: int) -> tuple[list[np.ndarray], np.ndarray]:
         """Runs that no data set holds: epoch ``e`` continues after ``runs`` times ``e`` others.

@@ -41,9 +41,9 @@ class Integrator:
     def __post_init__(self) -> None:
         names = [scheme.name.lower() for scheme in Scheme]
         if self.scheme not in names:
-            raise InputError(f"integrator.scheme = {self.scheme!r} is not one of {', '.join(names)}")
+            raise InputError(f"integrator.scheme = {self.scheme!r} is not one of {', '.join(names)}; change integrator.scheme")
         require(self, 1e-8, 1e-3, step=self.step)
-        require(self, 1, 1000, contact_refinement=self.contact_refinement)
+        require(self, 1, 1000, whole=True, contact_refinement=self.contact_refinement)
 
     @property
     def code(self) -> int:

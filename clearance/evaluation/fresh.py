@@ -1,0 +1,66 @@
+"""A gauge on recordings that did not exist when it was trained: does its interval hold what it promises?"""
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from clearance.models.gauge import Gauge
+from clearance.recording.channels import ACCELERATIONS
+from clearance.recording.synthesis import Campaign
+
+FRESH = "fresh.json"
+_OTHER_SEED = 1_000_000  # added to the training's: none of its runs, streamed or stored, comes again
+
+
+@dataclass(frozen=True)
+class FreshEvaluation:
+    """Estimates of freshly simulated recordings, (recordings,) each, lengths in metres."""
+
+    truth: list[float]
+    estimate: list[float]
+    low: list[float]
+    high: list[float]
+    trusted: list[bool]
+
+    def summary(self) -> dict[str, Any]:
+        """Coverage with its exact binomial 95 % interval, share trusted, error, median width."""
+        truth, estimate = np.array(self.truth), np.array(self.estimate)
+        low, high = np.array(self.low), np.array(self.high)
+        covered = (low <= truth) & (truth <= high)
+        exact = stats.binomtest(int(covered.sum()), len(truth)).proportion_ci(0.95, method="exact")
+        return {
+            "recordings": len(truth),
+            "coverage": float(covered.mean()),
+            "coverage_low": float(exact.low),
+            "coverage_high": float(exact.high),
+            "trusted": float(np.mean(self.trusted)),
+            "mean_absolute_error_m": float(np.abs(estimate - truth).mean()),
+            "median_width_m": float(np.median(high - low)),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers with their summary first."""
+        return {"summary": self.summary(), **asdict(self)}
+
+
+def evaluate_fresh(gauge: Gauge, campaign: Campaign, target: str, recordings: int) -> FreshEvaluation:
+    """Simulate recordings like those of the training and estimate them one by one.
+
+    Args:
+        gauge: trained and calibrated.
+        campaign: that made the training data; another seed makes new runs of it.
+        target: name of the label, ``clearance_b`` or ``clearance_c``.
+        recordings: how many.
+    """
+    columns = [ACCELERATIONS.index(name) for name in gauge.channels]
+    signals, labels = replace(campaign, seed=campaign.seed + _OTHER_SEED).fresh(recordings, epoch=0)
+    found = [gauge.estimate(one[:, columns].astype(float), campaign.chain.rate) for one in signals]
+    return FreshEvaluation(
+        labels[:, ("clearance_b", "clearance_c").index(target)].tolist(),
+        [one.clearance_m for one in found],
+        [one.low_m for one in found],
+        [one.high_m for one in found],
+        [one.trusted for one in found],
+    )

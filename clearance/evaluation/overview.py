@@ -1,0 +1,84 @@
+"""The README's picture: the machine, what its sensors feel, what a trained model makes of it."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
+
+from clearance.mechanism.drive import SpeedControl
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.recording.chain import MeasurementChain
+from clearance.simulation.batch import Sampling, simulate
+from clearance.simulation.integrator import Integrator
+from clearance.simulation.layout import Signal
+
+_CLEARANCES = (1e-4, 4e-4, 8e-4)  # m, shown side by side
+_SPEED = 500.0  # rpm
+
+
+def overview(fresh: dict[str, Any], name: str) -> Figure:
+    """Three panels.
+
+    Args:
+        fresh: what ``FreshEvaluation.to_json`` gave.
+        name: of the model that made it.
+    """
+    figure = Figure(figsize=(13, 4.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    machine, signals, estimates = figure.subplots(1, 3, width_ratios=(1.25, 1, 1))
+    _draw_machine(machine)
+    _draw_signals(signals)
+    _draw_estimates(estimates, fresh, name)
+    return figure
+
+
+def _draw_machine(axes: Axes) -> None:
+    machine, angle, gap = SliderCrank(), np.radians(55.0), 0.011
+    bx, by = float(machine.crank.length * np.cos(angle)), float(machine.crank.length * np.sin(angle))
+    cx = bx + float(np.sqrt(machine.rod.length**2 - by**2))
+    jx, jy = cx - 0.34 * gap, 0.25 * gap
+    for height in (-0.0165, 0.0165):
+        axes.plot([-0.02, 0.21], [height, height], color="0.6", linewidth=1, zorder=0)
+    axes.add_patch(Rectangle((cx - 0.024, -0.0165), 0.048, 0.033, facecolor="0.88", edgecolor="0.3"))
+    axes.plot([0.0, bx], [0.0, by], color="#1f4e79", linewidth=7, solid_capstyle="round")
+    axes.plot([bx, jx], [by, jy], color="#c55a11", linewidth=5, solid_capstyle="round")
+    axes.add_patch(Circle((cx, 0.0), gap, facecolor="white", edgecolor="0.3", zorder=3))
+    axes.add_patch(Circle((jx, jy), gap * 0.58, facecolor="#c55a11", edgecolor="0.2", zorder=4))
+    for point in ((0.0, 0.0), (bx, by)):
+        axes.add_patch(Circle(point, 0.0045, facecolor="white", edgecolor="0.2", zorder=4))
+    for place, text in (((-0.014, -0.008), "A"), ((bx - 0.003, by + 0.009), "B"), ((cx + 0.014, 0.021), "C")):
+        axes.annotate(text, place, fontsize=12)
+    arrow = {"arrowstyle": "->"}
+    axes.annotate("clearance\n(exaggerated)", (cx + 0.8 * gap, 0.0), (cx - 0.02, -0.062), arrowprops=arrow)
+    middle = ((bx + jx) / 2, (by + jy) / 2)
+    axes.annotate("accelerometers\non the rod", middle, (0.085, 0.062), arrowprops=arrow)
+    axes.set(xlim=(-0.025, 0.215), ylim=(-0.075, 0.09), aspect="equal", title="the machine")
+    axes.axis("off")
+
+
+def _draw_signals(axes: Axes) -> None:
+    chain = MeasurementChain()
+    sampling = Sampling(chain.base_rate, chain.filter(), 1.0, 60.0 / _SPEED)
+    time = np.arange(sampling.samples) / sampling.rate * 1e3
+    for row, clearance in enumerate(_CLEARANCES):
+        nominal = SliderCrank(drive=SpeedControl(_SPEED))
+        machine = replace(nominal, joint_c=replace(nominal.joint_c, clearance=clearance))
+        signal = simulate(machine, Integrator("runge_kutta_4", 1e-5, 4), sampling)[:, Signal.ROD_C_TRANSVERSE]
+        axes.plot(time, signal - 1500.0 * row, linewidth=0.7, label=f"{clearance * 1e3:g} mm")
+    axes.set(xlabel="time [ms], one revolution", yticks=[], title="rod at C, transverse, by clearance")
+    axes.legend(loc="lower right", fontsize=8, ncols=3)
+
+
+def _draw_estimates(axes: Axes, fresh: dict[str, Any], name: str) -> None:
+    truth, estimate, low, high = (np.array(fresh[key]) * 1e3 for key in ("truth", "estimate", "low", "high"))
+    axes.plot([0.0, 1.0], [0.0, 1.0], color="0.5", linewidth=1)
+    bars = np.stack([np.maximum(estimate - low, 0.0), np.maximum(high - estimate, 0.0)])
+    axes.errorbar(truth, estimate, bars, fmt=".", markersize=3, linewidth=0.8, color="#1f4e79")
+    summary = fresh["summary"]
+    error = summary["mean_absolute_error_m"] * 1e6
+    axes.set(xlabel="true clearance [mm]", ylabel="estimate with 90 % interval [mm]")
+    axes.set_title(f"{summary['recordings']} new recordings: {error:.1f} µm mean error\n{name}", fontsize=10)

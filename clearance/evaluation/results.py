@@ -1,0 +1,93 @@
+"""Finished trainings as rows of a table, and the files that README and RESULTS are made from."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from clearance.errors import InputError
+from clearance.evaluation.fresh import FRESH
+from clearance.models.run_folder import CONFIG, METRICS, read_json, read_yaml
+
+README_MARKS = ("<!-- results: made by python -m clearance.evaluate -->", "<!-- /results -->")
+
+
+def collect(folder: Path) -> list[dict[str, Any]]:
+    """One row a finished training below ``folder``, best first within each experiment.
+
+    Raises:
+        InputError: if there is none.
+    """
+    rows = [_row(metrics.parent) for metrics in sorted(folder.rglob(METRICS))]
+    if not rows:
+        raise InputError(
+            f"runs = {folder}: no finished training there; make one with python -m clearance.train"
+        )
+    return sorted(rows, key=lambda row: (row["experiment"], row["test"]["nmae"]))
+
+
+def _row(run: Path) -> dict[str, Any]:
+    metrics, config = read_json(run / METRICS), read_yaml(run / CONFIG) or {}
+    fresh = read_json(run / FRESH)["summary"] if (run / FRESH).exists() else None
+    return {
+        "name": config.get("name", run.name),
+        "experiment": run.parent.name,
+        "recordings": metrics["data"]["recordings"],
+        "parameters": metrics["parameters"],
+        "seed": metrics["seed"],
+        "split_seed": metrics["split_seed"],
+        "training_seconds": metrics["training_seconds"],
+        "environment": metrics["environment"],
+        "validation": metrics["validation"],
+        "test": metrics["test"],
+        "fresh": fresh,
+    }
+
+
+_HEAD = (
+    "experiment",
+    "model",
+    "recordings",
+    "NMAE, window",
+    "NRMSE, window",
+    "95 % of errors below",
+    "NMAE, recording",
+    "90 % interval holds",
+    "training",
+)
+
+
+def markdown(rows: Sequence[dict[str, Any]]) -> str:
+    """The rows as a Markdown table: errors on test recordings, coverage on freshly simulated ones."""
+    lines = [_HEAD, ("---",) * len(_HEAD), *(_cells(row) for row in rows)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    test, fresh = row["test"], row["fresh"]
+    held = "not measured"
+    if fresh:
+        held = "{coverage:.1%} of {recordings} ({coverage_low:.1%}-{coverage_high:.1%})".format(**fresh)
+    return (
+        row["experiment"],
+        row["name"],
+        str(row["recordings"]),
+        f"{test['nmae']:.2f} %",
+        f"{test['nrmse']:.2f} %",
+        f"{test['p95_ae'] * 1e6:.1f} µm",
+        f"{test['recording_nmae']:.2f} %",
+        held,
+        f"{row['training_seconds'] / 60:.1f} min",
+    )
+
+
+def put_between_marks(text: str, block: str) -> str:
+    """Replace what stands between the marks of README.
+
+    Raises:
+        InputError: if the marks are not there.
+    """
+    begin, end = README_MARKS
+    if begin not in text or end not in text:
+        raise InputError(f"readme lacks the lines {begin!r} and {end!r}, between which the table belongs")
+    head, rest = text.split(begin, 1)
+    return f"{head}{begin}\n{block}{end}{rest.split(end, 1)[1]}"

@@ -1,0 +1,98 @@
+"""The interval keeps its promise on simulations that did not exist at training; tables are made from files."""
+
+import json
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.utils import instantiate
+from omegaconf import OmegaConf
+
+from clearance.commands import CONFIGURATION
+from clearance.errors import InputError
+from clearance.evaluation.fresh import evaluate_fresh
+from clearance.evaluation.results import README_MARKS, collect, markdown, put_between_marks
+from clearance.models.gauge import Gauge
+from clearance.models.run_folder import RunFolder
+
+CALIBRATION, FRESH_RECORDINGS = 60, 150
+
+
+@pytest.fixture(scope="module")
+def forest(tmp_path_factory):
+    """A small forest on short recordings: the interval must hold for a poor estimator too."""
+    folder = tmp_path_factory.mktemp("forest")
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+        cfg = compose(
+            "train",
+            [
+                "model=random_forest", "experiment=smoke", "runs=200", "data_seed=11", "model.trees=20",
+                "model.jobs=1", "model.features=0.1", "campaign.duration=0.5", "start_time=0.4",
+                "data.split.train=0.5", "data.split.validation=0.2", f"data.source.folder={folder}/data",
+            ],
+        )  # fmt: skip
+    OmegaConf.set_struct(cfg, False)
+    data, campaign = instantiate(cfg.data), instantiate(cfg.campaign, _convert_="all")
+    data.prepare_data()
+    data.setup()
+    assert len(data.parts.test) == CALIBRATION
+    estimator = instantiate(cfg.model)
+    estimator.fit(data, RunFolder.open(folder / "run", {}, 42))
+    return Gauge.calibrate(estimator, data, 0.9, 0.02, 1e-3), campaign
+
+
+def test_coverage_on_fresh_simulations(forest):
+    gauge, campaign = forest
+    result = evaluate_fresh(gauge, campaign, "clearance_c", FRESH_RECORDINGS)
+    summary = result.summary()
+    # Coverage given the calibration is Beta distributed around 0.9; 3.5 deviations, binomial scatter included.
+    deviation = np.sqrt(0.9 * 0.1 * (1 / (CALIBRATION + 2) + 1 / FRESH_RECORDINGS))
+    assert abs(summary["coverage"] - 0.9) < 3.5 * deviation
+    assert summary["coverage_low"] < summary["coverage"] < summary["coverage_high"]
+    assert summary["median_width_m"] < 0.9e-3  # not by calling everything possible
+    assert summary["trusted"] > 0.8
+    assert len(set(result.truth)) == FRESH_RECORDINGS
+
+
+def test_a_gauge_of_another_machine_is_not_trusted(forest):
+    gauge, campaign = forest
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+        cfg = compose(
+            "simulate",
+            ["campaign.duration=0.5", "campaign.record_start=0.4", "mechanism.slider.mass=0.5", "runs=30"],
+        )
+    other = instantiate(cfg.campaign, _convert_="all")
+    assert evaluate_fresh(gauge, other, "clearance_c", 30).summary()["trusted"] < 0.5
+
+
+def finished(folder, name, nmae):
+    folder.mkdir(parents=True)
+    scores = {"nmae": nmae, "nrmse": 2 * nmae, "p95_ae": 1e-5, "recording_nmae": nmae / 2}
+    metrics = {
+        "data": {"recordings": 10}, "parameters": 5, "seed": 1, "split_seed": 2, "training_seconds": 60.0,
+        "environment": {}, "validation": scores, "test": scores,
+    }  # fmt: skip
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+    (folder / "config.yaml").write_text(f"name: {name}\n")
+
+
+def test_the_table_is_made_from_the_runs_files(tmp_path):
+    finished(tmp_path / "quick" / "a", "worse", 2.0)
+    finished(tmp_path / "quick" / "b", "better", 1.0)
+    rows = collect(tmp_path)
+    assert [row["name"] for row in rows] == ["better", "worse"]
+    table = markdown(rows)
+    assert "1.00 %" in table
+    assert "not measured" in table
+    text = put_between_marks(f"head\n{README_MARKS[0]}\nformerly\n{README_MARKS[1]}\ntail\n", table)
+    assert "formerly" not in text
+    assert text.startswith("head\n")
+    assert text.endswith("tail\n")
+    assert put_between_marks(text, table) == text
+
+
+def test_what_is_missing_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"clearance\.train"):
+        collect(tmp_path)
+    with pytest.raises(InputError, match="results"):
+        put_between_marks("no marks", "")
