@@ -13,7 +13,8 @@ from clearance.errors import InputError
 from clearance.lanes import any_lane, get, maximum, put, where, zero
 from clearance.mechanism.choice import chosen
 from clearance.mechanism.parameters import Family, require
-from clearance.simulation.equations import evaluate, project
+from clearance.simulation.equations import evaluate
+from clearance.simulation.kinematics import project
 from clearance.simulation.layout import COORDINATES, STATES, Result, State
 
 
@@ -41,7 +42,9 @@ class Integrator:
     def __post_init__(self) -> None:
         names = [scheme.name.lower() for scheme in Scheme]
         if self.scheme not in names:
-            raise InputError(f"integrator.scheme = {self.scheme!r} is not one of {', '.join(names)}; change integrator.scheme")
+            raise InputError(
+                f"integrator.scheme = {self.scheme!r} is not one of {', '.join(names)}; change integrator.scheme"
+            )
         require(self, 1e-8, 1e-3, step=self.step)
         require(self, 1, 1000, whole=True, contact_refinement=self.contact_refinement)
 

@@ -7,8 +7,9 @@ import numpy as np
 from clearance.compilation import entry, subroutine
 from clearance.lanes import get, put, where
 from clearance.simulation.decimation import absorb_block, forward_output, retreat, start_sums
-from clearance.simulation.equations import evaluate, project, sense
+from clearance.simulation.equations import evaluate
 from clearance.simulation.integrator import WORKSPACE, remember, step
+from clearance.simulation.kinematics import project, sense
 from clearance.simulation.layout import COORDINATES, RESULTS, SIGNALS, STATES, Result, State
 
 

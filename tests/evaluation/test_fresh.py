@@ -1,4 +1,5 @@
-"""The interval keeps its promise on simulations that did not exist at training; tables are made from files."""
+"""The interval keeps its promise on simulations newer than the training; tables are made from files."""
+files."""
 
 import json
 
@@ -45,7 +46,7 @@ def test_coverage_on_fresh_simulations(forest):
     gauge, campaign = forest
     result = evaluate_fresh(gauge, campaign, "clearance_c", FRESH_RECORDINGS)
     summary = result.summary()
-    # Coverage given the calibration is Beta distributed around 0.9; 3.5 deviations, binomial scatter included.
+    # Coverage given the calibration is Beta distributed around 0.9: 3.5 deviations, binomial ones included.
     deviation = np.sqrt(0.9 * 0.1 * (1 / (CALIBRATION + 2) + 1 / FRESH_RECORDINGS))
     assert abs(summary["coverage"] - 0.9) < 3.5 * deviation
     assert summary["coverage_low"] < summary["coverage"] < summary["coverage_high"]
@@ -55,7 +56,7 @@ def test_coverage_on_fresh_simulations(forest):
 
 
 def test_a_gauge_of_another_machine_is_not_trusted(forest):
-    gauge, campaign = forest
+    gauge, _campaign = forest
     with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
         cfg = compose(
             "simulate",
