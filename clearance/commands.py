@@ -7,13 +7,14 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import deepcopy
 from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import hydra
 from hydra.errors import HydraException
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from clearance.errors import InputError
@@ -23,6 +24,7 @@ CONFIGURATION = _HERE / "conf" if (_HERE / "conf").is_dir() else _HERE.parent / 
 """The configuration folder: inside the package in a wheel, beside it in a checkout."""
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_UNKNOWN_KEY = re.compile(r"the key that ends in '(\w+)'")
 _BACKGROUND = re.compile(r"Config search path:.*|\s*object_type=.*|See https://\S+.*")
 
 
@@ -38,7 +40,8 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
     def decorate(task: Callable[[DictConfig], Any]) -> Callable[[], Any]:
         @wraps(task)
         def guarded(cfg: DictConfig) -> Any:
-            with _reported():  # here too: Hydra adds a line of its own to what leaves a job
+            # Here too, as Hydra adds a line of its own to what leaves a job; a copy, as instantiating changes cfg.
+            with _reported(deepcopy(cfg)):
                 return task(cfg)
 
         run = hydra.main(version_base="1.3", config_path=str(CONFIGURATION), config_name=name)(guarded)
@@ -55,14 +58,14 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
 
 
 @contextmanager
-def _reported() -> Iterator[None]:
+def _reported(cfg: DictConfig | None = None) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
         sys.stderr.write("interrupted; the same command goes on from here\n")
         raise SystemExit(130) from None
     except Exception as error:
-        wrong = _wrong_input(error)
+        wrong = _wrong_input(error, cfg)
         if wrong is None:
             raise
         logging.getLogger(__name__).debug("wrong input", exc_info=error)
@@ -70,18 +73,18 @@ def _reported() -> Iterator[None]:
         raise SystemExit(2) from None
 
 
-def _wrong_input(error: BaseException) -> str | None:
-    """One line about the wrong input at the root of an exception, if that is what it is."""
+def _wrong_input(error: BaseException, cfg: DictConfig | None) -> str | None:
+    """One line about the wrong input that caused an exception, if one did."""
     chain = list(_chain(error))
-    # The innermost knows best which key is meant.
-    for kind in (InputError, OmegaConfBaseException, HydraException):
-        found = [link for link in chain if isinstance(link, kind)]
-        if found:
-            return _BACKGROUND.sub("", " ".join(str(found[-1]).split())).strip()
+    for link in chain:  # the outermost InputError: it has added the file's name to what it caught
+        if isinstance(link, InputError):
+            return _with_full_keys(_one_line(link), chain, cfg)
     for link in chain:
-        if isinstance(link, OSError) and link.errno in _FULL:
-            place = link.filename or "the output"
-            return f"{place}: not written ({link.strerror}); make room or choose another folder"
+        if isinstance(link, HydraException | OmegaConfBaseException):
+            return _one_line(link)
+        if isinstance(link, OSError) and link.errno is not None:
+            remedy = "make room or choose another path" if link.errno in _FULL else "choose another path"
+            return f"{link.filename or 'the output'}: {link.strerror}; {remedy}"
     return None
 
 
@@ -89,3 +92,28 @@ def _chain(error: BaseException | None) -> Iterator[BaseException]:
     while error is not None:
         yield error
         error = error.__cause__ or error.__context__
+
+
+def _one_line(error: BaseException) -> str:
+    return _BACKGROUND.sub("", " ".join(str(error).split())).strip()
+
+
+def _with_full_keys(message: str, chain: list[BaseException], cfg: DictConfig | None) -> str:
+    """Replace "the key that ends in 'mass'" by ``mechanism.crank.mass``, as far as Hydra says where it was."""
+    places = [found[1] for link in chain if (found := re.search(r"full_key: (\S+)", str(link)))]
+    if not places or cfg is None:
+        return message
+    return _UNKNOWN_KEY.sub(lambda end: _source(cfg, f"{places[-1]}.{end[1]}"), message)
+
+
+def _source(cfg: DictConfig, key: str) -> str:
+    """Where the value of ``key`` is set: what interpolations on the way lead to."""
+    path = ""
+    for name in key.split("."):
+        parent = OmegaConf.select(cfg, path) if path else cfg
+        path = f"{path}.{name}" if path else name
+        if isinstance(parent, DictConfig) and OmegaConf.is_interpolation(parent, name):
+            written: Any = OmegaConf.to_container(parent, resolve=False)
+            simple = re.fullmatch(r"\$\{([\w.]+)\}", written[name])
+            path = simple[1] if simple else path
+    return path

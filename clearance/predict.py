@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from clearance.commands import command
 from clearance.errors import InputError
@@ -21,12 +21,12 @@ log = logging.getLogger(__name__)
 @command("predict")
 def main(cfg: DictConfig) -> None:
     """Read the gauge and the recordings, estimate each, show a table and write ``predictions.json``."""
-    folder = Path(cfg.checkpoint)
-    gauge = load_gauge(folder)
-    if not cfg.recordings:
+    gauge = load_gauge(Path(str(cfg.checkpoint)))
+    paths = cfg.recordings if OmegaConf.is_list(cfg.recordings) else [cfg.recordings]
+    if not paths:
         raise InputError("recordings=[]: at least one file is needed; set recordings")
-    estimates = {str(path): estimate_file(gauge, Path(path)) for path in cfg.recordings}
-    output = Path(cfg.output)
+    estimates = {str(path): estimate_file(gauge, Path(str(path))) for path in paths}
+    output = Path(str(cfg.output))
     output.parent.mkdir(parents=True, exist_ok=True)
     write_json(output, [{"path": path, **asdict(estimate)} for path, estimate in estimates.items()])
     sys.stdout.write(table(estimates, gauge.interval.coverage))
@@ -54,7 +54,8 @@ def estimate_file(gauge: Gauge, path: Path) -> Estimate:
             "YAML beside the file, or train with sensors that are there"
         )
     try:
-        return gauge.estimate(recording.select(gauge.channels).values, recording.rate)
+        signals = recording.select(gauge.channels).values
+        return gauge.estimate(signals, recording.rate, recording.metadata.get("chain"))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 

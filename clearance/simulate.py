@@ -20,16 +20,22 @@ def _shard(text: str) -> tuple[int, int]:
     return part, parts
 
 
+def _workers(count: object) -> int | None:
+    if count is None or (isinstance(count, int) and not isinstance(count, bool) and count > 0):
+        return count
+    raise InputError(f"workers = {count!r} is not a number of threads, 1 or more; change workers")
+
+
 @command("simulate")
 def main(cfg: DictConfig) -> None:
     """Simulate what the data set lacks and say what it holds, or write recordings."""
-    campaign = instantiate(cfg.campaign, _convert_="all")
+    campaign, workers = instantiate(cfg.campaign, _convert_="all"), _workers(cfg.workers)
     if cfg.recordings:
-        paths = campaign.export(cfg.recordings, cfg.workers)
+        paths = campaign.export(cfg.recordings, workers)
         log.info("%d recordings in %s, from %s on", len(paths), cfg.recordings, paths[0].name)
         return
     path = Path(cfg.dataset or f"outputs/datasets/{campaign.fingerprint}")
-    dataset = campaign.generate(path, _shard(cfg.shard), cfg.workers)
+    dataset = campaign.generate(path, _shard(cfg.shard), workers)
     for run, reason in dataset.failures().items():
         log.warning("run %d: %s", run, reason)
     log.info(

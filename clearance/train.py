@@ -1,6 +1,7 @@
 """Train a model of the clearance: ``python -m clearance.train model=lstm sensors=rod``."""
 
 import logging
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from clearance.commands import command
 from clearance.evaluation.evaluate import evaluate
-from clearance.models.gauge import Gauge
+from clearance.models.gauge import Calibration, Gauge
 from clearance.models.run_folder import METRICS, RunFolder, environment, read_json
 
 log = logging.getLogger(__name__)
@@ -19,20 +20,24 @@ log = logging.getLogger(__name__)
 def main(cfg: DictConfig) -> float | None:
     """Prepare the data, train, calibrate on the test recordings, judge, save; return the validation NMAE."""
     config: Any = OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
-    run = RunFolder.open(Path(cfg.folder), config, cfg.seed)
-    if run.finished and cfg.resume:
+    # Everything is checked before anything is written or computed.
+    instantiate(cfg.sensors)
+    data = instantiate(cfg.data, _convert_="all")
+    estimator = instantiate(cfg.model, _convert_="all")
+    metrics = instantiate(cfg.metrics)
+    calibration = Calibration(**cfg.calibration)
+
+    run = RunFolder.open(Path(cfg.folder), config, cfg.seed, cfg.resume)
+    if run.finished:
         log.info("%s is finished: resume=false trains again", run.path)
         return read_json(run.path / METRICS)["validation"]["nmae"]
 
-    data = instantiate(cfg.data, _convert_="all")
     data.prepare_data()
     data.setup()
-    estimator = instantiate(cfg.model, _convert_="all")
     seconds = estimator.fit(data, run)
 
-    gauge = Gauge.calibrate(estimator, data, **cfg.calibration)
+    gauge = Gauge.calibrate(estimator, data, **asdict(calibration))
     gauge.save(run.path)
-    metrics = instantiate(cfg.metrics)
     validation = evaluate(gauge, data, data.validation_windows(), metrics)
     test = evaluate(gauge, data, data.test_windows(), metrics)
     for name, figure in test.figures(f"{cfg.name}, test recordings").items():
@@ -53,8 +58,10 @@ def main(cfg: DictConfig) -> float | None:
         }
     )
     log.info(
-        "%s: test NMAE %.2f %% a window, %.2f %% a recording; trained in %.0f s",
-        run.path, test.metrics["nmae"], test.metrics["recording_nmae"], seconds,
+        "%s: mean error on %d test recordings %.1f µm a recording (%.2f %%), %.1f µm a window (%.2f %%); "
+        "trained in %.0f s", run.path, len(data.parts.test),
+        test.metrics["recording_nmae"] * 1e4 * cfg.clearance_range, test.metrics["recording_nmae"],
+        test.metrics["nmae"] * 1e4 * cfg.clearance_range, test.metrics["nmae"], seconds,
     )  # fmt: skip
     return validation.metrics["nmae"]
 

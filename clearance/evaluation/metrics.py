@@ -8,6 +8,8 @@ import torch
 from torch import Tensor
 from torchmetrics import Metric, MetricCollection
 
+from clearance.mechanism.parameters import require
+
 
 class NormalizedMeanAbsoluteError(Metric):
     """Equation (24): mean absolute error in percent of ``label_range`` [m]."""
@@ -17,6 +19,7 @@ class NormalizedMeanAbsoluteError(Metric):
 
     def __init__(self, label_range: float = 1e-3) -> None:
         super().__init__()
+        require(self, 0.0, 1.0, strict=True, label_range=label_range)
         self.label_range = label_range
         self.add_state("total", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
         self.add_state("count", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")

@@ -72,9 +72,6 @@ class SliderCrank:
     frame: Law = field(default_factory=FixedFrame)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "gravity", tuple(self.gravity))
-        if self.sensor_positions is not None:
-            object.__setattr__(self, "sensor_positions", tuple(self.sensor_positions))
         reach = self.crank.length + abs(self.guide_offset)
         if self.rod.length <= reach:
             raise InputError(
@@ -83,8 +80,10 @@ class SliderCrank:
             )
         require(self, -1.0, 1.0, guide_offset=self.guide_offset)
         require_list(self, 2, -1e3, 1e3, gravity=self.gravity)
+        object.__setattr__(self, "gravity", tuple(self.gravity))
         if self.sensor_positions is not None:
             require_list(self, 4, -10.0, 10.0, sensor_positions=self.sensor_positions)
+            object.__setattr__(self, "sensor_positions", tuple(self.sensor_positions))
 
     @property
     def laws(self) -> tuple[Law, ...]:

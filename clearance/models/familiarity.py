@@ -46,6 +46,11 @@ class Familiarity:
     limits: tuple[float, ...]
     false_rejection: float
 
+    def __post_init__(self) -> None:
+        features = len(self.channels) * (_BANDS + 2)
+        if self.scale.shape != (features,) or self.references.shape[1:] != (features,):
+            raise ValueError(f"the references have not {features} features")
+
     @classmethod
     def calibrate(
         cls,

@@ -1,17 +1,20 @@
 """A trained estimator as an instrument: from a recording to one clearance, its interval and trust."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
 from clearance.errors import InputError
+from clearance.mechanism.parameters import require
 from clearance.models.estimator import Estimator
 from clearance.models.familiarity import Familiarity
 from clearance.models.interval import ConformalInterval, robust_mean, spread
 from clearance.models.run_folder import read_json, write_json
+from clearance.recording.chain import chain_differences, declared_chain
 from clearance.windows.datamodule import WindowData
 from clearance.windows.scaling import Scalers
 from clearance.windows.window_set import WindowSet
@@ -31,6 +34,26 @@ class Estimate:
     reason: str
 
 
+@dataclass(frozen=True)
+class Calibration:
+    """What a calibration promises.
+
+    Attributes:
+        coverage: Share of recordings whose interval holds the clearance [-].
+        false_rejection: Share of familiar recordings that may be called unfamiliar [-].
+        limit: Largest clearance the gauge is made for [m].
+    """
+
+    coverage: float = 0.9
+    false_rejection: float = 0.02
+    limit: float = 1e-3
+
+    def __post_init__(self) -> None:
+        require(self, 0.01, 0.999, coverage=self.coverage)
+        require(self, 0.001, 0.5, false_rejection=self.false_rejection)
+        require(self, 0.0, 1.0, strict=True, limit=self.limit)
+
+
 @dataclass
 class Gauge:
     """An estimator with the scalers, interval and familiarity that belong to it."""
@@ -39,6 +62,7 @@ class Gauge:
     scalers: Scalers
     interval: ConformalInterval
     familiarity: Familiarity
+    chain: Mapping[str, Any]  # of measurement, in training
 
     @classmethod
     def calibrate(
@@ -67,16 +91,16 @@ class Gauge:
             [recordings.recording(int(i)) for i in data.parts.test],
             false_rejection,
         )
-        return cls(
-            estimator, scalers, ConformalInterval.calibrate(validation, test, coverage, limit), familiarity
-        )
+        interval = ConformalInterval.calibrate(validation, test, coverage, limit)
+        return cls(estimator, scalers, interval, familiarity, recordings.chain)
 
-    def estimate(self, signals: np.ndarray, rate: float) -> Estimate:
+    def estimate(self, signals: np.ndarray, rate: float, chain: Mapping[str, Any] | None = None) -> Estimate:
         """Estimate the clearance from a recording.
 
         Args:
             signals: (samples, channels) in the order of ``channels`` [channels' units].
             rate: Its sampling rate [Hz].
+            chain: Its measurement chain as it declares it.
         """
         known = self.familiarity
         if abs(rate / known.rate - 1) > 1e-3:  # clocks of real loggers are better than that
@@ -105,6 +129,8 @@ class Gauge:
         values = estimate_windows(self.estimator, self.scalers, windows)
         low, high = self.interval.bounds(values)
         trusted, reason = known.judge(scaled)
+        if differences := chain_differences(declared_chain(chain), self.chain):
+            trusted, reason = False, differences if trusted else f"{differences}; {reason}"
         point = max(robust_mean(values), 0.0)
         return Estimate(point, low, high, spread(values), len(values), trusted, reason)
 
@@ -119,7 +145,11 @@ class Gauge:
         write_json(folder / "scalers.json", self.scalers.to_json())
         write_json(
             folder / "calibration.json",
-            {"interval": self.interval.to_json(), "familiarity": self.familiarity.to_json()},
+            {
+                "interval": self.interval.to_json(),
+                "familiarity": self.familiarity.to_json(),
+                "chain": dict(self.chain),
+            },
         )
 
     @classmethod
@@ -133,6 +163,7 @@ class Gauge:
                 Scalers.from_json(read_json(folder / "scalers.json")),
                 ConformalInterval.from_json(calibration["interval"]),
                 Familiarity.from_json(calibration["familiarity"]),
+                declared_chain(calibration.get("chain")),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(

@@ -1,10 +1,13 @@
 """Networks as estimators: training with early stopping, resumption, and weights as plain arrays."""
 
 import logging
+import time
 import warnings
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import lightning as L
 import numpy as np
@@ -16,6 +19,7 @@ from lightning.pytorch.callbacks import (
     Timer,
     TQDMProgressBar,
 )
+from lightning.pytorch.utilities.exceptions import MisconfigurationException
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
@@ -23,6 +27,7 @@ from torch.optim import Optimizer
 from torchmetrics import MetricCollection
 
 from clearance.errors import InputError
+from clearance.mechanism.parameters import require
 from clearance.models.processor import efficient_processor
 from clearance.models.regressor import Regressor
 from clearance.models.run_folder import RunFolder, write_atomically
@@ -50,11 +55,13 @@ class Training:
     progress: bool = True
 
     def __post_init__(self) -> None:
-        if self.epochs < 1 or self.patience < 1:
-            raise InputError(
-                f"trainer.epochs={self.epochs}, trainer.patience={self.patience}: both must be 1 or more; "
-                "set trainer.epochs and trainer.patience"
-            )
+        require(self, 1, 1e6, whole=True, epochs=self.epochs, patience=self.patience)
+        if self.threads is not None:
+            require(self, 1, 1024, whole=True, threads=self.threads)
+        try:
+            self.optimizer([nn.Parameter(torch.zeros(1))])
+        except (TypeError, ValueError) as error:
+            raise InputError(f"trainer.optimizer: {error}; change trainer.optimizer") from error
 
 
 class NeuralEstimator:
@@ -76,6 +83,13 @@ class NeuralEstimator:
     ) -> None:
         self._make, self._training, self._metrics, self._clip = net, training, metrics, gradient_clip
         self._shape = (0, 0)  # channels, time steps
+        if gradient_clip is not None:
+            require(self, 0.0, strict=True, gradient_clip=gradient_clip)
+        monitored = ["val/loss", *(f"val/{name}" for name in metrics)]
+        if training.monitor not in monitored:
+            raise InputError(
+                f"trainer.monitor={training.monitor}: must be one of {', '.join(monitored)}; set trainer.monitor"
+            )
         self.net: nn.Module
 
     @property
@@ -102,17 +116,16 @@ class NeuralEstimator:
             newest,
             LearningRateMonitor("epoch"),
         ]
-        if plan.progress:
-            callbacks.append(TQDMProgressBar(refresh_rate=10))
+        callbacks.append(TQDMProgressBar(refresh_rate=10) if plan.progress else EpochLines())
         last = run.checkpoints / "last.ckpt"
         if last.exists():
             log.info("going on from %s", last)
         with efficient_processor(plan.threads), warnings.catch_warnings():
             _quiet()
-            trainer = L.Trainer(
+            trainer = _trainer(
                 accelerator=plan.accelerator,
                 devices=1,
-                precision=plan.precision,  # type: ignore[arg-type]
+                precision=plan.precision,
                 max_epochs=plan.epochs,
                 gradient_clip_val=self._clip,
                 callbacks=callbacks,
@@ -124,7 +137,10 @@ class NeuralEstimator:
                 deterministic=True,
                 log_every_n_steps=1,
             )
-            trainer.fit(module, datamodule=data, ckpt_path=last if last.exists() else None, weights_only=True)
+            with suppress(SystemExit):  # Lightning's answer to Ctrl-C
+                trainer.fit(
+                    module, datamodule=data, ckpt_path=last if last.exists() else None, weights_only=True
+                )
         if trainer.interrupted:
             raise KeyboardInterrupt
         weights = torch.load(best.best_model_path, map_location="cpu", weights_only=True)["state_dict"]
@@ -165,7 +181,36 @@ class NeuralEstimator:
 
     def _build(self, channels: int, length: int) -> None:
         self._shape = (channels, length)
-        self.net = self._make(channels=channels, length=length)  # type: ignore[call-arg]
+        try:
+            self.net = self._make(channels=channels, length=length)  # type: ignore[call-arg]
+        except InputError:
+            raise
+        except (TypeError, ValueError, RuntimeError) as error:
+            raise InputError(f"model.net: {error}; change model.net") from error
+
+
+def _trainer(**settings: Any) -> L.Trainer:
+    try:
+        return L.Trainer(**settings)
+    except (TypeError, ValueError, MisconfigurationException) as error:
+        raise InputError(f"{error}; change trainer.accelerator or trainer.precision") from error
+
+
+class EpochLines(L.Callback):
+    """A line an epoch in the log: the progress of a training that nobody watches."""
+
+    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Remember when, and at which epoch, this process began."""
+        self._begin, self._first = time.perf_counter(), trainer.current_epoch
+
+    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Say how good the epoch's weights are, and how long the rest takes at this pace."""
+        done, epochs = trainer.current_epoch + 1, trainer.max_epochs or 0
+        pace = (time.perf_counter() - self._begin) / (done - self._first)
+        log.info(
+            "epoch %d of %d: validation NMAE %.2f %%, at most %.0f s left",
+            done, epochs, trainer.callback_metrics["val/nmae"], pace * (epochs - done),
+        )  # fmt: skip
 
 
 def _quiet() -> None:

@@ -1,15 +1,14 @@
 """The folder of one training: what is in it, written so that a kill leaves no half file."""
 
 import json
-import os
 import platform
 import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import torch
 import yaml
@@ -29,12 +28,23 @@ class RunFolder:
     logger: TensorBoardLogger
 
     @classmethod
-    def open(cls, path: Path, config: dict[str, Any], seed: int) -> "RunFolder":
-        """Open the folder of ``config``: the same one goes on where it stopped, another starts anew."""
+    def open(cls, path: Path, config: dict[str, Any], seed: int, resume: bool = True) -> "RunFolder":
+        """Open the folder of ``config``: the same training goes on where it stopped, unless it shall not.
+
+        Raises:
+            InputError: if another training has left something there that would be lost.
+        """
         path.mkdir(parents=True, exist_ok=True)
-        if read_yaml(path / CONFIG) != config:
+        other = _differing(_task(read_yaml(path / CONFIG) or {}), _task(config))
+        if resume and other and ((path / METRICS).exists() or (path / "checkpoints").exists()):
+            raise InputError(
+                f"{path} holds a training with other settings ({', '.join(other)}): choose another hydra.run.dir, "
+                "or resume=false to replace it"
+            )
+        if not resume or other:
             shutil.rmtree(path / "checkpoints", ignore_errors=True)
-            (path / METRICS).unlink(missing_ok=True)
+            for outdated in (path / METRICS, *path.glob("events.out.tfevents.*")):
+                outdated.unlink(missing_ok=True)
         text = yaml.safe_dump(config, sort_keys=False)
         write_atomically(path / CONFIG, lambda file: file.write_text(text, encoding="utf-8"))
         return cls(path, seed, TensorBoardLogger(path, name="", version="", default_hp_metric=False))
@@ -56,14 +66,20 @@ class RunFolder:
         self.logger.finalize("success")
 
 
+def _task(config: dict[str, Any]) -> dict[str, Any]:
+    """A configuration without what does not change its training."""
+    return {key: value for key, value in config.items() if key not in ("folder", "resume")}
+
+
+def _differing(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
+    return sorted(key for key in {*one, *other} if key not in one or key not in other or one[key] != other[key])
+
+
 def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
     """Let ``write`` fill a neighbour of ``path``, then rename it: readers see the old file or the new one."""
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
-    os.close(handle)
-    temporary = Path(name)
+    temporary = path.with_name(f".{path.stem}.{uuid4().hex}{path.suffix}")
     try:
         write(temporary)
-        temporary.chmod(0o644)  # mkstemp makes files that only their owner can read
         temporary.replace(path)
     except OSError as error:
         raise InputError(

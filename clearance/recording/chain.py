@@ -4,10 +4,12 @@ Simulation, training, prediction and diagnosis share one declaration of it, beca
 a prediction that went through another filter looks like missing physics.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from math import isclose
+from typing import Any
 
 import numpy as np
-from scipy import signal
 
 from clearance.errors import InputError
 from clearance.mechanism.parameters import require
@@ -67,6 +69,8 @@ class MeasurementChain:
         Returns:
             (ceil(samples / decimation), channels).
         """
+        from scipy import signal  # takes a second to import, which simulations need not wait for
+
         if self.decimation == 1:
             return values.copy()
         sections = signal.cheby1(
@@ -75,3 +79,26 @@ class MeasurementChain:
         gain = np.prod(sections[:, :3].sum(axis=1) / sections[:, 3:].sum(axis=1))
         filtered = signal.sosfiltfilt(sections, values, axis=0, padtype="constant")
         return filtered[:: self.decimation] / gain**2
+
+
+def declared_chain(chain: object) -> dict[str, Any]:
+    """The chain that a recording declares under ``chain``; what it leaves out is as in ``MeasurementChain``."""
+    if chain is None:
+        chain = {}
+    if not isinstance(chain, Mapping):
+        raise InputError(f"chain: {str(chain)[:60]!r} is not a mapping; give `name: value` pairs")
+    return {key: chain.get(key, value) for key, value in asdict(MeasurementChain()).items()}
+
+
+def chain_differences(recorded: Mapping[str, Any], trained: Mapping[str, Any]) -> str:
+    """In which keys the chain of a recording is not that of a model's training, in words; or nothing."""
+    return "; ".join(
+        f"recorded with chain.{key} = {recorded[key]}, the model was trained with {value}"
+        for key, value in trained.items()
+        if not _equal(recorded[key], value)
+    )
+
+
+def _equal(one: Any, other: Any) -> bool:
+    numbers = isinstance(one, int | float) and isinstance(other, int | float)
+    return isclose(one, other, rel_tol=1e-9) if numbers else one == other

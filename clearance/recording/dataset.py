@@ -5,8 +5,10 @@ is written to a temporary file and renamed, so that it is there whole or not at 
 written again. A run that failed leaves a small file in ``failures`` instead.
 """
 
+import errno
 import json
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -95,56 +97,43 @@ class Dataset:
             InputError: if the folder holds a data set of other settings.
         """
         folder = Path(path)
-        runs = len(labels)
-        if (folder / "zarr.json").exists():
-            dataset = cls.open(folder)
-            if dataset.fingerprint != fingerprint:
-                differing = ", ".join(_differences(dataset.settings, settings)) or "the version of its layout"
-                raise InputError(
-                    f"dataset = {folder} was made with other settings ({differing}); "
-                    "choose another dataset= path"
-                )
-            if dataset.runs >= runs:
-                return dataset
-        group = zarr.open_group(folder, mode="a", zarr_format=3)
-        # several writers may do this at once: each writes the same bytes, whole files at a time
-        if _SIGNALS in group:
-            signals: Any = group[_SIGNALS]
-            signals.resize((runs, samples, len(channels)))
-        else:
-            group.create_array(
-                _SIGNALS,
-                shape=(runs, samples, len(channels)),
-                chunks=(1, samples, len(channels)),
-                dtype="float32",
-                compressors=[Crc32cCodec()],
-                fill_value=float("nan"),
-                overwrite=True,
-            )
-        stored: Any = group.create_array(
-            _LABELS,
-            shape=labels.shape,
-            chunks=labels.shape,
-            dtype="float64",
-            compressors=[Crc32cCodec()],
-            overwrite=True,
-        )
-        stored[:] = labels
-        group.attrs.update(
-            {
+        if not (folder / "zarr.json").exists():
+            attributes = {
                 "channels": list(channels),
                 "rate": rate,
                 "start_time": start_time,
                 "fingerprint": fingerprint,
                 "settings": settings,
             }
-        )
-        return cls.open(folder)
+            _lay_out(folder, labels, (len(labels), samples, len(channels)), attributes)
+        dataset = cls.open(folder)
+        if dataset.fingerprint != fingerprint:
+            differing = ", ".join(_differences(dataset.settings, settings)) or "the version of its layout"
+            raise InputError(
+                f"dataset = {folder} was made with other settings ({differing}); "
+                "choose another dataset= path"
+            )
+        if dataset.runs < len(labels):
+            dataset._grow(labels)
+        return dataset
+
+    def _grow(self, labels: np.ndarray) -> None:
+        # Several writers may do this at once: each writes the same bytes, whole files at a time. The signals
+        # come last, because their number is the data set's: a kill before leaves the smaller one.
+        self._labels.resize(labels.shape)
+        self._labels[:] = labels
+        self._signals.resize((len(labels), *self._signals.shape[1:]))
+        self.runs = len(labels)
 
     @property
     def labels(self) -> dict[str, np.ndarray]:
         """(runs,) each: ``clearance_b`` and ``clearance_c`` [m], ``speed`` [rad/s]."""
-        values = np.asarray(self._labels[:])
+        try:
+            values = np.asarray(self._labels[:])
+        except Exception as error:  # as in ``read``
+            raise InputError(
+                f"the labels of {self.path} are damaged ({error}): delete the data set and make it again"
+            ) from error
         return {name: values[:, column] for column, name in enumerate(LABELS)}
 
     def stored(self) -> np.ndarray:
@@ -240,3 +229,28 @@ def _differences(old: Any, new: Any, key: str = "") -> list[str]:
         names = sorted(set(old) | set(new))
         return [d for n in names for d in _differences(old.get(n), new.get(n), f"{key}.{n}" if key else n)]
     return [] if old == new else [f"{key}: {old} there, {new} here"]
+
+
+def _lay_out(
+    folder: Path, labels: np.ndarray, shape: tuple[int, int, int], attributes: dict[str, Any]
+) -> None:
+    """Make a data set without signals beside ``folder`` and rename it: it is there whole or not at all."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    partial = folder.with_name(f".{folder.name}.{uuid4().hex}.partial")
+    kept: dict[str, Any] = {"compressors": [Crc32cCodec()]}
+    try:
+        group = zarr.create_group(partial, zarr_format=3, attributes=attributes)
+        group.create_array(
+            _SIGNALS, shape=shape, chunks=(1, *shape[1:]), dtype="float32", fill_value=float("nan"), **kept
+        )
+        group.create_array(_LABELS, data=labels, chunks=labels.shape, **kept)
+        partial.rename(folder)
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+            raise
+        if not (folder / "zarr.json").exists():  # else another writer was faster, with the same content
+            raise InputError(
+                f"dataset = {folder} holds something else; give a folder that is new or empty"
+            ) from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)

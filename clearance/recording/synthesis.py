@@ -72,8 +72,6 @@ class Campaign:
     record_start: float = 2.0
 
     def __post_init__(self) -> None:
-        for name in ("clearance_range", "speed_range"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
         require(self, 1, 10_000_000, whole=True, runs=self.runs)
         require(self, 0, 2**63, whole=True, seed=self.seed)
         require(self, 0.0, 3600.0, strict=True, duration=self.duration)
@@ -81,7 +79,8 @@ class Campaign:
         require_list(self, 2, *CLEARANCE_RANGE, clearance_range=self.clearance_range)
         require_list(self, 2, 1.0, 20_000.0, speed_range=self.speed_range)
         for name in ("clearance_range", "speed_range"):
-            low, high = getattr(self, name)
+            low, high = limits = tuple(getattr(self, name))
+            object.__setattr__(self, name, limits)
             if low > high:
                 raise InputError(
                     f"Campaign.{name} = [{low:g}, {high:g}] falls; change the key that ends in {name!r}"

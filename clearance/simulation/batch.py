@@ -145,11 +145,10 @@ def _run_group(
     filters = sampling.decimation
     poles = filters.decay.shape[1]
     rows = workspace_rows(filters.factor, poles, filtered.size, filters.chunk)
-    shape = (WIDTH, sampling.samples, SIGNALS)
-    if getattr(workspaces, "shape", None) != (rows, shape):
-        workspaces.shape, workspaces.work, workspaces.out = (rows, shape), _aligned(rows), np.zeros(shape)
+    key = (rows, (WIDTH, sampling.samples, SIGNALS), silent)  # silent signals stay the zeros they began as
+    if getattr(workspaces, "key", None) != key:
+        workspaces.key, workspaces.work, workspaces.out = key, _aligned(rows), np.zeros(key[1])
     out = workspaces.out
-    out[:, :, sorted(silent)] = 0.0
     skipped = max(0, sampling.first - filters.chunk)
     period = 1.0 / sampling.base_rate
     substeps = integrator.substeps(period)

@@ -3,8 +3,8 @@
 Kinematics -> gap -> normal force -> tangential force -> applied forces -> reactions of the ideal joints ->
 accelerations. Bodies are described in inertial coordinates, so that their mass matrix is (nearly) diagonal;
 the reactions of ideal joints follow from the condition that both sides of a joint accelerate alike (two
-equations a joint). ``kinematics.project`` then removes what rounding and the scheme leave of the constraints: a
-constrained coordinate is computed from the free ones, never integrated.
+equations a joint). ``kinematics.project`` then removes what rounding and the scheme leave of the constraints:
+a constrained coordinate is computed from the free ones, never integrated.
 
 All functions take one run (1-D arrays) or ``WIDTH`` runs (2-D arrays), see ``clearance.lanes``. ``codes``
 chooses the laws (``Family``) and is the same for all lanes; ``p`` is the parameter vector.

@@ -43,7 +43,8 @@ class Integrator:
         names = [scheme.name.lower() for scheme in Scheme]
         if self.scheme not in names:
             raise InputError(
-                f"integrator.scheme = {self.scheme!r} is not one of {', '.join(names)}; change integrator.scheme"
+                f"integrator.scheme = {self.scheme!r} is not one of {', '.join(names)}; "
+                "change integrator.scheme"
             )
         require(self, 1e-8, 1e-3, step=self.step)
         require(self, 1, 1000, whole=True, contact_refinement=self.contact_refinement)

@@ -9,6 +9,7 @@ import torch
 from torch.utils.data import DataLoader
 
 from clearance.errors import InputError
+from clearance.mechanism.parameters import require
 from clearance.windows.scaling import MinMaxScaler, Scalers, StandardScaler
 from clearance.windows.sources import LabelledRecordings, Source
 from clearance.windows.splitting import RandomSplit, Split
@@ -47,8 +48,9 @@ class WindowData(L.LightningDataModule):
         memory_gib: float = 4.0,
     ) -> None:
         super().__init__()
-        if batch_size < 1:
-            raise InputError(f"data.batch_size={batch_size}: must be 1 or more; set data.batch_size")
+        require(self, 1, whole=True, batch_size=batch_size)
+        require(self, 0, 2**32 - 1, whole=True, seed=seed)  # what NumPy's first generator takes
+        require(self, 0.0, 1e6, strict=True, memory_gib=memory_gib)
         self.source, self.channels, self.target_name = source, tuple(channels), target
         self.split, self.windows, self.batch_size, self.seed = split, windows, batch_size, seed
         self.memory_gib = memory_gib

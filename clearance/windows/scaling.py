@@ -22,6 +22,11 @@ class StandardScaler:
     deviation: tuple[float, ...]  # (channels,) [channel's unit], 1 where constant
     constant: tuple[bool, ...]  # (channels,)
 
+    def __post_init__(self) -> None:
+        numbers = np.array([self.mean, self.deviation, self.constant], dtype=np.float64)
+        if numbers.shape != (3, len(self.channels)) or not np.isfinite(numbers).all():
+            raise ValueError("the scaler of the signals has not three finite numbers a channel")
+
     @classmethod
     def fit(cls, channels: tuple[str, ...], recordings: list[np.ndarray]) -> "StandardScaler":
         """Fit on recordings, each (samples, channels)."""

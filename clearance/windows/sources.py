@@ -4,21 +4,18 @@ A source fills one array with all its recordings; later steps scale it in place 
 set is in memory once: samples x channels x 4 bytes (1000 runs of 10 000 samples on 4 channels: 160 MB).
 """
 
-import csv
-import hashlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-import yaml
 
 from clearance.errors import InputError
 from clearance.provenance import fingerprint
+from clearance.recording.chain import declared_chain
 from clearance.recording.channels import ACCELERATIONS
 from clearance.recording.dataset import LABELS, Dataset
-from clearance.recording.recording import Recording
 from clearance.recording.synthesis import Campaign
 from clearance.windows.splitting import RandomSplit, Split
 
@@ -35,6 +32,7 @@ class LabelledRecordings:
     speed: np.ndarray  # (recordings,) mean crank speed [rad/s], NaN where unknown
     groups: np.ndarray  # (recordings,) equal numbers must stay on one side of a split
     fingerprint: str  # changes when any of the data changes
+    chain: Mapping[str, Any] = field(default_factory=lambda: declared_chain(None))  # of measurement
     offsets: np.ndarray = field(init=False)  # (recordings,) first sample in ``signals``
 
     def __post_init__(self) -> None:
@@ -152,6 +150,7 @@ class StreamingSource:
             speed=labels[:, LABELS.index("speed")],
             groups=np.arange(len(signals)),
             fingerprint=f"stream-{self.simulation.fingerprint}",
+            chain=asdict(self.simulation.chain),
         )
 
     def divide(self, recordings: LabelledRecordings, split: RandomSplit) -> Split:
@@ -174,51 +173,6 @@ class StreamingSource:
     def _fresh(self, runs: int, epoch: int) -> tuple[list[np.ndarray], np.ndarray]:
         signals, labels = self.simulation.fresh(runs, epoch)
         return [signal[:, self._columns] for signal in signals], labels
-
-
-@dataclass
-class MeasuredSource(FixedSource):
-    """Files of measured recordings and a list (YAML or CSV) of their known clearances.
-
-    Each entry of the list has ``path`` (relative to the list), the target's name with the clearance in
-    metres, and optionally ``speed`` [rad/s] and ``group``: recordings of one machine in one state share a
-    group and are never split.
-    """
-
-    path: str
-    read: Callable[[Path], Recording]  # clearance.recording.files.read
-
-    def load(self, channels: Sequence[str], target: str, limit: int) -> LabelledRecordings:
-        """Read every file of the list."""
-        entries = _entries(Path(self.path))
-        signals, rates = [], set()
-        digest, used = hashlib.sha256(), 0
-        for entry in entries:
-            file = Path(self.path).parent / str(entry["path"])
-            recording = self.read(file)
-            signals.append(recording.select(channels).values.astype(np.float32))
-            rates.add(float(recording.rate))
-            used += signals[-1].nbytes
-            check_memory(used, limit)
-            digest.update(signals[-1].tobytes())
-        if len(rates) != 1:
-            raise InputError(
-                f"{self.path}: recordings at {sorted(rates)} Hz: one common rate is needed; "
-                "set data.source.path"
-            )
-        clearances = np.array([_number(entry, target, self.path) for entry in entries])
-        digest.update(clearances.tobytes())
-        names = [str(entry.get("group") or number) for number, entry in enumerate(entries)]
-        return LabelledRecordings(
-            channels=tuple(channels),
-            rate=rates.pop(),
-            signals=np.concatenate(signals),
-            lengths=np.array([len(s) for s in signals]),
-            target=clearances,
-            speed=np.array([float(entry.get("speed") or "nan") for entry in entries]),
-            groups=np.unique(names, return_inverse=True)[1],
-            fingerprint=digest.hexdigest(),
-        )
 
 
 def read_dataset(
@@ -254,6 +208,7 @@ def read_dataset(
         speed=dataset.labels["speed"][available],
         groups=np.arange(len(available)),
         fingerprint=fingerprint([dataset.fingerprint, available.tolist()]),
+        chain=declared_chain(dataset.settings.get("chain")),
     )
 
 
@@ -277,28 +232,3 @@ def _label_column(target: str) -> int:
     if target not in LABELS[:2]:
         raise InputError(f"target={target}: must be one of {LABELS[:2]}; set target")
     return LABELS.index(target)
-
-
-def _entries(path: Path) -> list[dict[str, Any]]:
-    try:
-        text = path.read_text(encoding="utf-8")
-        entries = list(csv.DictReader(text.splitlines())) if path.suffix == ".csv" else yaml.safe_load(text)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(
-            f"{path}: not a readable list of recordings ({error}); set data.source.path"
-        ) from error
-    if not (
-        isinstance(entries, list) and entries and all(isinstance(e, dict) and e.get("path") for e in entries)
-    ):
-        raise InputError(f"{path}: must be a list of entries, each with a path; set data.source.path")
-    return entries
-
-
-def _number(entry: dict[str, Any], key: str, path: str) -> float:
-    try:
-        value = float(entry[key])
-    except (KeyError, TypeError, ValueError):
-        raise InputError(f"{path}: {entry['path']} has no number {key} [m]; add it to the list") from None
-    if not (0 <= value < 1):
-        raise InputError(f"{path}: {entry['path']} has {key}={value}: must be 0 ... 1 m; correct the list")
-    return value

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clearance.errors import InputError
+from clearance.mechanism.parameters import require
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,8 @@ class RandomSplit:
     validation: float = 0.15  # [-]
 
     def __post_init__(self) -> None:
+        require(self, 0, 2**63, whole=True, seed=self.seed)
+        require(self, 0.0, 1.0, train=self.train, validation=self.validation)
         if not (self.train > 0 and self.validation > 0 and self.train + self.validation < 1):
             raise InputError(
                 f"split.train={self.train}, split.validation={self.validation}: both must be above 0 "

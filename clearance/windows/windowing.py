@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from clearance.errors import InputError
+from clearance.mechanism.parameters import require
 
 
 class WindowPlan(Protocol):
@@ -37,8 +37,8 @@ class RegularWindows:
     stride: int = 200  # [samples]
 
     def __post_init__(self) -> None:
-        _require_positive("length", self.length)
-        _require_positive("stride", self.stride)
+        require(self, 1, whole=True, length=self.length)
+        require(self, 1, whole=True, stride=self.stride)
 
     def count(self, samples: int) -> int:
         """Windows in a recording of ``samples`` samples: floor((samples - length) / stride) + 1, or none."""
@@ -63,9 +63,8 @@ class RandomWindows:
     density: float = 1.0  # windows per ``length`` samples of recording [-]
 
     def __post_init__(self) -> None:
-        _require_positive("length", self.length)
-        if not self.density > 0:
-            raise InputError(f"windows.density={self.density}: must be above 0; set windows.density")
+        require(self, 1, whole=True, length=self.length)
+        require(self, 0.0, 1e3, strict=True, density=self.density)
 
     def starts(self, samples: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Place windows uniformly at random, from ``rng`` alone."""
@@ -73,10 +72,3 @@ class RandomWindows:
         counts = np.where(room > 0, np.maximum(1, np.rint(samples / self.length * self.density)), 0)
         recording = np.repeat(np.arange(len(counts)), counts.astype(np.int64))
         return np.floor(rng.random(len(recording)) * room[recording]).astype(np.int64), recording
-
-
-def _require_positive(key: str, value: int) -> None:
-    if value < 1:
-        raise InputError(
-            f"windows.{key}={value}: must be a whole number of samples, 1 or more; set windows.{key}"
-        )

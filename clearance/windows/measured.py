@@ -1,0 +1,94 @@
+"""Recordings of a real machine whose clearances are known, as a source to train on."""
+
+import csv
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from clearance.errors import InputError
+from clearance.recording.chain import declared_chain
+from clearance.recording.recording import Recording
+from clearance.windows.sources import FixedSource, LabelledRecordings, check_memory
+
+
+@dataclass
+class MeasuredSource(FixedSource):
+    """Files of measured recordings and a list (YAML or CSV) of their known clearances.
+
+    Each entry of the list has ``path`` (relative to the list), the target's name with the clearance in
+    metres, and optionally ``speed`` [rad/s] and ``group``: recordings of one machine in one state share a
+    group and are never split.
+    """
+
+    path: str
+    read: Callable[[Path], Recording]  # clearance.recording.files.read
+
+    def load(self, channels: Sequence[str], target: str, limit: int) -> LabelledRecordings:
+        """Read every file of the list."""
+        entries = _entries(Path(self.path))
+        signals, rates, chains = [], set(), []
+        digest, used = hashlib.sha256(), 0
+        for entry in entries:
+            file = Path(self.path).parent / str(entry["path"])
+            recording = self.read(file)
+            signals.append(recording.select(channels).values.astype(np.float32))
+            rates.add(float(recording.rate))
+            chains.append(declared_chain(recording.metadata.get("chain")))
+            used += signals[-1].nbytes
+            check_memory(used, limit)
+            digest.update(signals[-1].tobytes())
+        if len(rates) != 1:
+            raise InputError(
+                f"{self.path}: recordings at {sorted(rates)} Hz: one common rate is needed; "
+                "set data.source.path"
+            )
+        other = next((chain for chain in chains if chain != chains[0]), None)
+        if other:
+            raise InputError(
+                f"{self.path}: recordings with different chains ({chains[0]} and {other}): one common chain is "
+                "needed; set data.source.path"
+            )
+        clearances = np.array([_number(entry, target, self.path) for entry in entries])
+        digest.update(clearances.tobytes())
+        names = [str(entry.get("group") or number) for number, entry in enumerate(entries)]
+        return LabelledRecordings(
+            channels=tuple(channels),
+            rate=rates.pop(),
+            signals=np.concatenate(signals),
+            lengths=np.array([len(s) for s in signals]),
+            target=clearances,
+            speed=np.array([float(entry.get("speed") or "nan") for entry in entries]),
+            groups=np.unique(names, return_inverse=True)[1],
+            fingerprint=digest.hexdigest(),
+            chain=chains[0],
+        )
+
+
+def _entries(path: Path) -> list[dict[str, Any]]:
+    try:
+        text = path.read_text(encoding="utf-8")
+        entries = list(csv.DictReader(text.splitlines())) if path.suffix == ".csv" else yaml.safe_load(text)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(
+            f"{path}: not a readable list of recordings ({error}); set data.source.path"
+        ) from error
+    if not (
+        isinstance(entries, list) and entries and all(isinstance(e, dict) and e.get("path") for e in entries)
+    ):
+        raise InputError(f"{path}: must be a list of entries, each with a path; set data.source.path")
+    return entries
+
+
+def _number(entry: dict[str, Any], key: str, path: str) -> float:
+    try:
+        value = float(entry[key])
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"{path}: {entry['path']} has no number {key} [m]; add it to the list") from None
+    if not (0 <= value < 1):
+        raise InputError(f"{path}: {entry['path']} has {key}={value}: must be 0 ... 1 m; correct the list")
+    return value
