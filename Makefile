@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 RUN := $(BIN)/python -m
 
-.PHONY: help train test test-all lint type arch simulate bench tensorboard wheel clean
+.PHONY: help train test test-all lint type arch simulate bench results tensorboard wheel clean
 help:            ## list the targets
 	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 16
 
@@ -36,6 +36,14 @@ arch: $(READY)   ## layers: nothing imports upward
 
 bench: $(READY)  ## measure the simulator, beside Exudyn where it is installed (pip install '.[exudyn]')
 	$(RUN) clearance.bench
+
+results: bench   ## measure again what README shows (hours), from trainings and the benchmark
+	$(RUN) clearance.train model=lstm sensors=rod
+	$(RUN) clearance.train model=tcn sensors=rod
+	$(RUN) clearance.train model=random_forest sensors=rod
+	$(RUN) clearance.train experiment=best model=tcn sensors=rod
+	$(RUN) clearance.evaluate fresh=300 results=docs/results readme=README.md \
+	  picture=outputs/train/best/model=tcn,sensors=rod
 
 tensorboard: $(READY)  ## look at the runs
 	$(BIN)/tensorboard --logdir outputs

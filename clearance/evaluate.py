@@ -6,6 +6,7 @@ from typing import Any
 
 from omegaconf import DictConfig
 
+from clearance.benchmark import report
 from clearance.commands import command
 from clearance.errors import InputError
 from clearance.evaluation.fresh import FRESH, evaluate_fresh
@@ -37,9 +38,16 @@ def main(cfg: DictConfig) -> None:
         name = (read_yaml(Path(cfg.picture) / CONFIG) or {}).get("name", "")
         figure = overview(fresh, name)
         write_atomically(results / "overview.png", lambda file: figure.savefig(file, dpi=110))
+    blocks = {"results": markdown(rows)}
+    if Path(cfg.bench).exists():
+        bench = read_json(Path(cfg.bench))
+        write_json(results / "bench.json", bench)
+        blocks["bench"] = report.markdown(bench)
     if cfg.readme:
         readme = Path(cfg.readme)
-        text = put_between_marks(readme.read_text(encoding="utf-8"), markdown(rows))
+        text = readme.read_text(encoding="utf-8")
+        for block, content in blocks.items():
+            text = put_between_marks(text, block, content)
         write_atomically(readme, lambda file: file.write_text(text, encoding="utf-8"))
 
 

@@ -31,6 +31,29 @@ def lines(report: dict[str, Any]) -> Iterator[str]:
         yield f"{entry['code']:50}{entry['steps_per_second_per_core']:20,.0f}{entry['ratio']:8.1f}  {spread}"
 
 
+def markdown(report: dict[str, Any]) -> str:
+    """The main rows as a Markdown table, hardware and date first."""
+    scale, hardware = report["scale"], report["hardware"]
+    rows = [
+        f"| {scale['runs']} runs of {scale['duration_s']:g} s, h = {scale['step_s']:g} s, {scale['workers']} threads "
+        f"on {hardware['cpu']}, {hardware['cores']} cores, {report['date'][:10]} | wall | processor | a step and core |",
+        "|---|---|---|---|",
+    ]
+    for entry in report["campaign"]:
+        memory = f", peak {entry['peak_rss_mib']:.0f} MiB" if "peak_rss_mib" in entry else ""
+        rows.append(
+            f"| {entry['task']}{memory} | {entry['wall_s']:.1f} s | {entry['cpu_s']:.1f} s "
+            f"| {entry['ns_per_step_per_core']:.0f} ns |"
+        )
+    rows += [
+        f"| {e['task']}, warm cache | {e['wall_s']:.1f} s | {e['cpu_s']:.1f} s | |" for e in report["startup"]
+    ]
+    for entry in (report["comparison"] or [])[1:]:
+        speed = 1e9 / entry["steps_per_second_per_core"]
+        rows.append(f"| {entry['code']}: {entry['ratio']:.0f} times slower a core | | | {speed:,.0f} ns |")
+    return "\n".join(rows) + "\n"
+
+
 def _remarks(entry: dict[str, Any], full: bool) -> str:
     remarks = []
     if "written_mib" in entry:

@@ -57,9 +57,7 @@ def evaluate_fresh(gauge: Gauge, campaign: Campaign, target: str, recordings: in
     columns = [ACCELERATIONS.index(name) for name in gauge.channels]
     signals, labels = replace(campaign, seed=campaign.seed + _OTHER_SEED).fresh(recordings, epoch=0)
     chain = asdict(campaign.chain)
-    found = [
-        gauge.estimate(one[:, columns].astype(float), campaign.chain.rate, chain) for one in signals
-    ]
+    found = [gauge.estimate(one[:, columns].astype(float), campaign.chain.rate, chain) for one in signals]
     return FreshEvaluation(
         labels[:, ("clearance_b", "clearance_c").index(target)].tolist(),
         [one.clearance_m for one in found],

@@ -8,8 +8,6 @@ from clearance.errors import InputError
 from clearance.evaluation.fresh import FRESH
 from clearance.models.run_folder import CONFIG, METRICS, read_json, read_yaml
 
-README_MARKS = ("<!-- results: made by python -m clearance.evaluate -->", "<!-- /results -->")
-
 
 def collect(folder: Path) -> list[dict[str, Any]]:
     """One row a finished training below ``folder``, best first within each experiment.
@@ -80,13 +78,18 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
     )
 
 
-def put_between_marks(text: str, block: str) -> str:
-    """Replace what stands between the marks of README.
+def marks(name: str) -> tuple[str, str]:
+    """The lines of a page between which the block ``name`` belongs."""
+    return f"<!-- {name}: made by python -m clearance.evaluate -->", f"<!-- /{name} -->"
+
+
+def put_between_marks(text: str, name: str, block: str) -> str:
+    """Replace what stands between the marks of a block.
 
     Raises:
         InputError: if the marks are not there.
     """
-    begin, end = README_MARKS
+    begin, end = marks(name)
     if begin not in text or end not in text:
         raise InputError(f"readme lacks the lines {begin!r} and {end!r}, between which the table belongs")
     head, rest = text.split(begin, 1)

@@ -11,6 +11,7 @@ from safetensors.numpy import load_file, save_file
 from sklearn.ensemble import RandomForestRegressor
 
 from clearance.errors import InputError
+from clearance.mechanism.parameters import require
 from clearance.models.run_folder import RunFolder, write_atomically
 from clearance.windows.datamodule import WindowData
 from clearance.windows.window_set import WindowSet
@@ -88,6 +89,9 @@ class RandomForest:
     """
 
     def __init__(self, trees: int = 100, depth: int = 20, features: float = 1.0, jobs: int = -1) -> None:
+        require(self, 1, 100_000, whole=True, trees=trees, depth=depth)
+        require(self, 0.0, 1.0, strict=True, features=features)
+        require(self, -1, 1024, whole=True, jobs=jobs)
         self._settings = {"n_estimators": trees, "max_depth": depth, "max_features": features, "n_jobs": jobs}
         self.trees: Trees
 
@@ -134,6 +138,10 @@ class GradientBoosting:
     def __init__(
         self, rounds: int = 300, depth: int = 20, learning_rate: float = 0.01, device: str = "cpu"
     ) -> None:
+        require(self, 1, 100_000, whole=True, rounds=rounds, depth=depth)
+        require(self, 0.0, 1.0, strict=True, learning_rate=learning_rate)
+        if device not in ("cpu", "cuda"):
+            raise InputError(f"model.device={device}: must be cpu or cuda; set model.device")
         self._rounds = rounds
         self._settings = {
             "max_depth": depth,

@@ -1,5 +1,4 @@
 """The interval keeps its promise on simulations newer than the training; tables are made from files."""
-files."""
 
 import json
 
@@ -12,7 +11,7 @@ from omegaconf import OmegaConf
 from clearance.commands import CONFIGURATION
 from clearance.errors import InputError
 from clearance.evaluation.fresh import evaluate_fresh
-from clearance.evaluation.results import README_MARKS, collect, markdown, put_between_marks
+from clearance.evaluation.results import collect, markdown, marks, put_between_marks
 from clearance.models.gauge import Gauge
 from clearance.models.run_folder import RunFolder
 
@@ -85,15 +84,16 @@ def test_the_table_is_made_from_the_runs_files(tmp_path):
     table = markdown(rows)
     assert "1.00 %" in table
     assert "not measured" in table
-    text = put_between_marks(f"head\n{README_MARKS[0]}\nformerly\n{README_MARKS[1]}\ntail\n", table)
+    begin, end = marks("results")
+    text = put_between_marks(f"head\n{begin}\nformerly\n{end}\ntail\n", "results", table)
     assert "formerly" not in text
     assert text.startswith("head\n")
     assert text.endswith("tail\n")
-    assert put_between_marks(text, table) == text
+    assert put_between_marks(text, "results", table) == text
 
 
 def test_what_is_missing_is_named(tmp_path):
     with pytest.raises(InputError, match=r"clearance\.train"):
         collect(tmp_path)
     with pytest.raises(InputError, match="results"):
-        put_between_marks("no marks", "")
+        put_between_marks("no marks", "results", "")

@@ -23,10 +23,14 @@ def net_of(model, channels=2, length=60):
 
 @pytest.mark.parametrize("model", NEURAL)
 def test_one_number_a_window_and_a_gradient_in_every_weight(model):
-    net = net_of(model)
-    output = net(torch.randn(5, 60, 2))
+    net, signals = net_of(model), torch.randn(5, 60, 2)
+    optimizer = torch.optim.SGD(net.parameters(), 1e-3)
+    for _ in range(2):  # what a residual scale of zero hides at first shows after one step
+        optimizer.zero_grad()
+        output = net(signals)
+        output.sum().backward()
+        optimizer.step()
     assert output.shape == (5,)
-    output.sum().backward()
     for name, weight in net.named_parameters():
         assert weight.grad is not None, name
         assert weight.grad.abs().sum() > 0, name

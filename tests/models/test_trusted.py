@@ -13,6 +13,8 @@ from clearance.models.trusted import instantiate_trusted
         "clearance.models.run_folder.shutil.rmtree",
         "clearance.models.run_folder.Path",
         "clearance.models.trusted.instantiate",
+        "clearance.models.run_folder.write_json",
+        "clearance.recording.files.write",
         "hydra.utils.get_method",
         "torch.nn.modules.module.torch.load",
         "torch.load",
@@ -22,7 +24,7 @@ from clearance.models.trusted import instantiate_trusted
     ],
 )
 def test_a_run_folder_cannot_name_code_to_run(target):
-    with pytest.raises(InputError, match="only classes of"):
+    with pytest.raises(InputError, match="only this project's own classes"):
         instantiate_trusted({"net": [{"_target_": target}]}, "config.yaml")
 
 

@@ -1,0 +1,92 @@
+"""Every option of every configuration group composes, and makes what it says."""
+
+from functools import cache
+from pathlib import Path
+
+import pytest
+import torch
+import yaml
+from hydra import compose, initialize_config_dir
+from hydra.utils import get_object, instantiate
+
+from clearance.commands import CONFIGURATION
+from clearance.provenance import describe
+
+COMMANDS = sorted(path.stem for path in CONFIGURATION.glob("*.yaml") if path.stem != "machine")
+GROUPS = sorted(path.name for path in CONFIGURATION.iterdir() if path.is_dir())
+OPTIONS = sorted(
+    (str(path.parent.relative_to(CONFIGURATION)), path.stem)
+    for path in CONFIGURATION.glob("*/**/*.yaml")
+    if not path.stem.startswith("_")
+)
+MACHINE = {group for group, _ in OPTIONS} & set(
+    yaml.safe_load((CONFIGURATION / "mechanism/slider_crank.yaml").read_text())
+)
+IN_JOINTS = {"contact", "friction", "film", "bearing"}
+PATH = {"stored": ["data.source.path=somewhere"], "measured": ["data.source.path=somewhere"]}
+
+
+def composed(command, *overrides):
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+        return compose(command, list(overrides), return_hydra_config=True)
+
+
+@cache
+def selected(command):
+    return set(composed(command).hydra.runtime.choices)
+
+
+def overrides_for(group, option):
+    if group.startswith("recipe/"):
+        return [f"experiment={group.split('/')[1]}", f"model={option}"]
+    return [f"{group}={option}", *PATH.get(option, [])]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_composes(command):
+    assert composed(command)
+
+
+def test_every_group_is_selected_by_a_command():
+    assert set(GROUPS) <= set.union(*(selected(command) for command in COMMANDS))
+
+
+@pytest.mark.parametrize(("group", "option"), OPTIONS, ids="/".join)
+def test_every_option_is_chosen_and_makes_what_it_says(group, option):
+    command = "train" if group.split("/")[0] in selected("train") else "bench"
+    cfg = composed(command, *overrides_for(group, option))
+    top, _, experiment = group.partition("/")
+    assert cfg.hydra.runtime.choices[top] == (f"{experiment}/{option}" if experiment else option)
+
+    campaign = instantiate(cfg.campaign, _convert_="all")
+    if top in MACHINE or top in IN_JOINTS:
+        law = yaml.safe_load((CONFIGURATION / group / f"{option}.yaml").read_text())["_target_"]
+        assert law.rpartition(".")[2] in str(describe(campaign.mechanism))
+    if command == "train":
+        instantiate(cfg.sensors)
+        assert instantiate(cfg.data, _convert_="all").channels == tuple(cfg.sensors.channels)
+        estimator = instantiate(cfg.model, _convert_="all")
+        if hasattr(estimator, "net") or hasattr(estimator, "_build"):
+            estimator._build(len(cfg.sensors.channels), cfg.windows.length)
+            windows = torch.zeros(2, cfg.windows.length, len(cfg.sensors.channels))
+            assert estimator.net.eval()(windows).shape == (2,)
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGURATION.rglob("*.yaml")), ids=lambda path: str(path.name))
+def test_every_target_can_be_imported(path):
+    def targets(node):
+        if isinstance(node, dict):
+            own = [node["_target_"]] if "_target_" in node else []
+            if own == ["hydra.utils.get_method"]:
+                own.append(node["path"])
+            return own + [target for value in node.values() for target in targets(value)]
+        return [target for value in node for target in targets(value)] if isinstance(node, list) else []
+
+    for target in targets(yaml.safe_load(Path(path).read_text())):
+        assert callable(get_object(target)), target
+
+
+def test_every_recipe_belongs_to_an_experiment_and_a_model():
+    for path in (CONFIGURATION / "recipe").rglob("*.yaml"):
+        assert (CONFIGURATION / "experiment" / f"{path.parent.name}.yaml").exists(), path
+        assert (CONFIGURATION / "model" / f"{path.stem}.yaml").exists(), path
