@@ -250,3 +250,40 @@ def test_sensors_feel_gravity_turning_with_their_body():
     np.testing.assert_allclose(run.signals[:, Signal.CRANK_A_TRANSVERSE], 9.81 * np.cos(angle), atol=1e-9)
     np.testing.assert_allclose(run.signals[:, Signal.CRANK_A_AXIAL], 9.81 * np.sin(angle), atol=1e-9)
     np.testing.assert_allclose(run.signals[:, Signal.SLIDER_VERTICAL], 9.81, atol=1e-9)
+
+
+def joint_b_forces(machine, crank_speed, rod_speed, drift):
+    """Force on the crank at B (normal, tangential) with the journal pressed into the bearing.
+
+    Crank and rod turn about A at their own speeds; ``drift`` is added to the rod's velocity, times its speed.
+    """
+    theta, phi, direction = 0.3, 0.8, 1.9
+    normal = np.array([np.cos(direction), np.sin(direction)])
+    journal = machine.crank.length * np.array([np.cos(theta), np.sin(theta)])
+    bearing = journal - (machine.joint_b.clearance + 1e-6) * normal
+    center = bearing + machine.rod.center_of_mass * machine.rod.length * np.array([np.cos(phi), np.sin(phi)])
+    state = simulate_trajectory(machine, Integrator(), 1e-5).states[0]
+    state[State.CRANK_ANGLE], state[State.ROD_ANGLE] = theta, phi
+    state[State.CRANK_SPEED], state[State.ROD_SPEED] = crank_speed, rod_speed
+    state[State.ROD_X], state[State.ROD_Y] = center
+    state[State.ROD_X_RATE], state[State.ROD_Y_RATE] = drift * np.array([-center[1], center[0]])
+    result = simulate_trajectory(machine, Integrator(), 1e-5, state=state).results[0]
+    force = np.array([result[Result.FORCE_B_X], result[Result.FORCE_B_Y]])
+    return force @ normal, force @ np.array([-normal[1], normal[0]])
+
+
+def test_joint_friction_opposes_sliding_at_the_contact_point():
+    loose = Joint(3e-4, friction=Coulomb(0.2))
+    machine = SliderCrank(joint_b=loose, joint_c=Joint(3e-4))
+    # all turning together about A: nothing slides, nothing rubs
+    normal, tangential = joint_b_forces(machine, 30.0, 30.0, 30.0)
+    assert normal < 0.0
+    assert abs(tangential) < 1e-6 * abs(normal)
+    # only the crank's journal turns, in its place as seen from the rod: it slides at its radius
+    for speed in (5.0, -5.0):
+        normal, tangential = joint_b_forces(machine, speed, 0.0, 0.0)
+        sliding = speed * (
+            loose.journal_radius + machine.crank.length * np.cos(1.9 - 0.3)
+        )  # B's own motion along the tangent, and the journal's surface
+        expected = -0.2 * abs(normal) * sliding / np.hypot(sliding, 1e-3)
+        assert tangential == pytest.approx(expected, rel=1e-6)
