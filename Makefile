@@ -21,10 +21,10 @@ simulate: $(READY)  ## simulate 1000 runs with clearance in joint C
 	$(RUN) clearance.simulate runs=1000 seed=1 joint=C
 
 test: $(READY) lint type arch  ## everything that must pass before a change lands (under 10 minutes on two cores)
-	$(RUN) pytest -m 'not slow and not gpu'
+	OMP_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile -m 'not slow and not gpu'
 
 test-all: $(READY) lint type arch  ## the long checks too
-	$(RUN) pytest
+	OMP_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile
 
 lint: $(READY)   ## style, imports, docstrings
 	$(BIN)/ruff check clearance tests

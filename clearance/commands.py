@@ -5,6 +5,7 @@ import logging
 import os
 import re
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
@@ -40,7 +41,7 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
     def decorate(task: Callable[[DictConfig], Any]) -> Callable[[], Any]:
         @wraps(task)
         def guarded(cfg: DictConfig) -> Any:
-            # Here too, as Hydra adds a line of its own to what leaves a job; a copy, as instantiating changes cfg.
+            # Here too: Hydra adds a line of its own to what leaves a job. A copy: instantiating changes cfg.
             with _reported(deepcopy(cfg)):
                 return task(cfg)
 
@@ -49,8 +50,12 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
         @wraps(task)
         def main() -> Any:
             os.environ["HYDRA_FULL_ERROR"] = "1"  # let errors through, instead of Hydra's own report of them
-            with _reported():
-                return run()
+            before, threading.excepthook = threading.excepthook, _thread_error
+            try:
+                with _reported():
+                    return run()
+            finally:
+                threading.excepthook = before
 
         return main
 
@@ -71,6 +76,12 @@ def _reported(cfg: DictConfig | None = None) -> Iterator[None]:
         logging.getLogger(__name__).debug("wrong input", exc_info=error)
         sys.stderr.write(f"error: {wrong}\n")
         raise SystemExit(2) from None
+
+
+def _thread_error(error: threading.ExceptHookArgs) -> None:
+    # TensorBoard's writing thread stops at a full disk; the main thread learns of it and reports it.
+    if not (isinstance(error.exc_value, OSError) and error.exc_value.errno in _FULL):
+        threading.__excepthook__(error)
 
 
 def _wrong_input(error: BaseException, cfg: DictConfig | None) -> str | None:
@@ -99,7 +110,7 @@ def _one_line(error: BaseException) -> str:
 
 
 def _with_full_keys(message: str, chain: list[BaseException], cfg: DictConfig | None) -> str:
-    """Replace "the key that ends in 'mass'" by ``mechanism.crank.mass``, as far as Hydra says where it was."""
+    """Replace "the key that ends in 'mass'" by ``mechanism.crank.mass``, where Hydra says its place."""
     places = [found[1] for link in chain if (found := re.search(r"full_key: (\S+)", str(link)))]
     if not places or cfg is None:
         return message

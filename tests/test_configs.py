@@ -51,7 +51,7 @@ def test_every_group_is_selected_by_a_command():
     assert set(GROUPS) <= set.union(*(selected(command) for command in COMMANDS))
 
 
-@pytest.mark.parametrize(("group", "option"), OPTIONS, ids="/".join)
+@pytest.mark.parametrize(("group", "option"), OPTIONS, ids=[f"{group}={option}" for group, option in OPTIONS])
 def test_every_option_is_chosen_and_makes_what_it_says(group, option):
     command = "train" if group.split("/")[0] in selected("train") else "bench"
     cfg = composed(command, *overrides_for(group, option))

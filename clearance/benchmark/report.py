@@ -34,11 +34,11 @@ def lines(report: dict[str, Any]) -> Iterator[str]:
 def markdown(report: dict[str, Any]) -> str:
     """The main rows as a Markdown table, hardware and date first."""
     scale, hardware = report["scale"], report["hardware"]
-    rows = [
-        f"| {scale['runs']} runs of {scale['duration_s']:g} s, h = {scale['step_s']:g} s, {scale['workers']} threads "
-        f"on {hardware['cpu']}, {hardware['cores']} cores, {report['date'][:10]} | wall | processor | a step and core |",
-        "|---|---|---|---|",
-    ]
+    title = f"{scale['runs']} runs of {scale['duration_s']:g} s, h = {scale['step_s']:g} s"
+    place = (
+        f"{scale['workers']} threads on {hardware['cpu']}, {hardware['cores']} cores, {report['date'][:10]}"
+    )
+    rows = [f"| {title}; {place} | wall | processor | a step and core |", "|---|---|---|---|"]
     for entry in report["campaign"]:
         memory = f", peak {entry['peak_rss_mib']:.0f} MiB" if "peak_rss_mib" in entry else ""
         rows.append(

@@ -16,7 +16,16 @@ from clearance.mechanism.guide import FrictionlessGuide, IdealGuide
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.link import RigidRod
 from clearance.mechanism.load import Idle, NoSpring
-from clearance.mechanism.parameters import FAMILIES, JOINT_STRIDE, PARAMETERS, Family, Law, Parameter, require, require_list
+from clearance.mechanism.parameters import (
+    FAMILIES,
+    JOINT_STRIDE,
+    PARAMETERS,
+    Family,
+    Law,
+    Parameter,
+    require,
+    require_list,
+)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from lightning.pytorch.callbacks import (
     Timer,
     TQDMProgressBar,
 )
+from lightning.pytorch.plugins.io import TorchCheckpointIO
 from lightning.pytorch.utilities.exceptions import MisconfigurationException
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
@@ -88,7 +90,8 @@ class NeuralEstimator:
         monitored = ["val/loss", *(f"val/{name}" for name in metrics)]
         if training.monitor not in monitored:
             raise InputError(
-                f"trainer.monitor={training.monitor}: must be one of {', '.join(monitored)}; set trainer.monitor"
+                f"trainer.monitor={training.monitor}: must be one of {', '.join(monitored)}; "
+                "set trainer.monitor"
             )
         self.net: nn.Module
 
@@ -130,6 +133,7 @@ class NeuralEstimator:
                 gradient_clip_val=self._clip,
                 callbacks=callbacks,
                 logger=run.logger,
+                plugins=[AtomicCheckpoints()],
                 enable_progress_bar=plan.progress,
                 enable_model_summary=False,
                 num_sanity_val_steps=0,
@@ -187,6 +191,17 @@ class NeuralEstimator:
             raise
         except (TypeError, ValueError, RuntimeError) as error:
             raise InputError(f"model.net: {error}; change model.net") from error
+
+
+class AtomicCheckpoints(TorchCheckpointIO):
+    """Checkpoints that are there whole or not at all; Lightning's pass through /tmp, maybe another disk."""
+
+    def save_checkpoint(self, checkpoint: dict[str, Any], path: Any, storage_options: Any = None) -> None:
+        """Write beside the final place, then rename."""
+        content = BytesIO()
+        torch.save(checkpoint, content)
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(Path(path), lambda file: file.write_bytes(content.getbuffer()))
 
 
 def _trainer(**settings: Any) -> L.Trainer:

@@ -38,8 +38,8 @@ class RunFolder:
         other = _differing(_task(read_yaml(path / CONFIG) or {}), _task(config))
         if resume and other and ((path / METRICS).exists() or (path / "checkpoints").exists()):
             raise InputError(
-                f"{path} holds a training with other settings ({', '.join(other)}): choose another hydra.run.dir, "
-                "or resume=false to replace it"
+                f"{path} holds a training with other settings ({', '.join(other)}): choose another "
+                "hydra.run.dir, or resume=false to replace it"
             )
         if not resume or other:
             shutil.rmtree(path / "checkpoints", ignore_errors=True)
@@ -72,7 +72,9 @@ def _task(config: dict[str, Any]) -> dict[str, Any]:
 
 
 def _differing(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
-    return sorted(key for key in {*one, *other} if key not in one or key not in other or one[key] != other[key])
+    return sorted(
+        key for key in {*one, *other} if key not in one or key not in other or one[key] != other[key]
+    )
 
 
 def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
@@ -83,7 +85,7 @@ def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
         temporary.replace(path)
     except OSError as error:
         raise InputError(
-            f"{path}: cannot be written ({error.strerror or error}); set the output folder"
+            f"{path}: cannot be written ({error.strerror or error}); make room or set the output folder"
         ) from error
     finally:
         temporary.unlink(missing_ok=True)

@@ -25,7 +25,7 @@ def instantiate_trusted(config: dict[str, Any], where: str) -> Any:
         if not _allowed(target):
             raise InputError(
                 f"{where}: names {target!r}: only this project's own classes, layers and optimisers "
-                "of torch.nn and torch.optim are allowed; set checkpoint to a folder written by clearance.train"
+                "of torch.nn and torch.optim are allowed; set checkpoint to what clearance.train wrote"
             )
     return instantiate(config)
 

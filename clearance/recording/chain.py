@@ -82,7 +82,7 @@ class MeasurementChain:
 
 
 def declared_chain(chain: object) -> dict[str, Any]:
-    """The chain that a recording declares under ``chain``; what it leaves out is as in ``MeasurementChain``."""
+    """What a recording declares under ``chain``, completed from the defaults of ``MeasurementChain``."""
     if chain is None:
         chain = {}
     if not isinstance(chain, Mapping):

@@ -110,8 +110,7 @@ class Dataset:
         if dataset.fingerprint != fingerprint:
             differing = ", ".join(_differences(dataset.settings, settings)) or "the version of its layout"
             raise InputError(
-                f"dataset = {folder} was made with other settings ({differing}); "
-                "choose another dataset= path"
+                f"dataset = {folder} was made with other settings ({differing}); choose another dataset= path"
             )
         if dataset.runs < len(labels):
             dataset._grow(labels)

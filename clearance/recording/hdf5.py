@@ -1,7 +1,7 @@
 """The one-dimensional datasets of an HDF5 file, read in a process of their own.
 
-The HDF5 library writes beyond its buffers on some damaged files: of files with a few bytes changed at random,
-a rare one crashes it. In a child process that ends the child and not the caller, whose memory stays as it was.
+The HDF5 library writes beyond its buffers on some damaged files: of files with a few bytes changed at random
+a rare one crashes it. In a child process that ends the child and not the caller, whose memory stays as it is.
 It costs the start of a Python process for each file.
 """
 

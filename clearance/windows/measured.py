@@ -50,8 +50,8 @@ class MeasuredSource(FixedSource):
         other = next((chain for chain in chains if chain != chains[0]), None)
         if other:
             raise InputError(
-                f"{self.path}: recordings with different chains ({chains[0]} and {other}): one common chain is "
-                "needed; set data.source.path"
+                f"{self.path}: recordings with different chains ({chains[0]} and {other}): one common "
+                "chain is needed; set data.source.path"
             )
         clearances = np.array([_number(entry, target, self.path) for entry in entries])
         digest.update(clearances.tobytes())

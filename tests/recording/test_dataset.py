@@ -142,3 +142,55 @@ def test_a_killed_writer_loses_nothing_but_what_was_in_flight(whole, tmp_path):
     resumed = campaign.generate(tmp_path / "data")
     uninterrupted = campaign.generate(tmp_path / "other")
     np.testing.assert_array_equal(contents(resumed), contents(uninterrupted))
+
+
+def test_a_data_set_is_laid_out_whole_or_not_at_all(tmp_path, monkeypatch):
+    class Killed(BaseException):
+        pass
+
+    def killed(self, target):
+        raise Killed
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "rename", killed)
+        with pytest.raises(Killed):
+            SMALL.generate(tmp_path / "data")
+    assert not (tmp_path / "data").exists()
+    assert replace(SMALL, runs=1).generate(tmp_path / "data").available().tolist() == [0]
+
+
+@pytest.mark.parametrize("step", ["__setitem__", "resize"])
+def test_a_kill_while_growing_leaves_a_data_set_that_grows_again(whole, tmp_path, monkeypatch, step):
+    class Killed(BaseException):
+        pass
+
+    kind = type(replace(SMALL, runs=3).generate(tmp_path / "data")._signals)
+    plain = getattr(kind, step)
+
+    def killed(array, *arguments):
+        if step == "resize" and array.ndim == 2:  # the labels'; the signals' is the last step
+            return plain(array, *arguments)
+        raise Killed
+
+    with monkeypatch.context() as patched:
+        patched.setattr(kind, step, killed)
+        with pytest.raises(Killed):
+            SMALL.generate(tmp_path / "data")
+    left = Dataset.open(tmp_path / "data")
+    assert (left.runs, left.available().tolist()) == (3, [0, 1, 2])
+    np.testing.assert_array_equal(contents(SMALL.generate(tmp_path / "data")), contents(whole))
+
+
+def test_a_folder_with_something_else_is_left_alone(tmp_path):
+    (tmp_path / "letter.txt").write_text("dear")
+    with pytest.raises(InputError, match="holds something else"):
+        SMALL.generate(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["letter.txt"]
+
+
+def test_damaged_labels_are_named(tmp_path):
+    replace(SMALL, runs=2).generate(tmp_path / "data")
+    chunk = tmp_path / "data/labels/c/0/0"
+    chunk.write_bytes(chunk.read_bytes()[:-3])
+    with pytest.raises(InputError, match=r"labels of .*data are damaged"):
+        _ = Dataset.open(tmp_path / "data").labels

@@ -45,5 +45,5 @@ def test_windows_of_several_recordings_are_counted_from_each_start():
     "make", [lambda: RegularWindows(0, 1), lambda: RegularWindows(5, 0), lambda: RandomWindows(5, 0)]
 )
 def test_impossible_windows_name_the_key(make):
-    with pytest.raises(InputError, match=r"RegularWindows\.(length|stride) = 0 is outside"):
+    with pytest.raises(InputError, match=r"Windows\.(length|stride|density) = 0 is outside"):
         make()

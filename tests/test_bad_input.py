@@ -1,0 +1,358 @@
+"""Wrong input: exit code 2, one line that names value, range and key, and nothing half-written."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.utils import instantiate
+
+from clearance.commands import CONFIGURATION
+from clearance.recording.dataset import Dataset
+from clearance.recording.files import write
+from clearance.recording.recording import Recording
+from tests.command_line import SMALL, call, launch
+
+SHORT = ("runs=1", "campaign.duration=0.3", "campaign.record_start=0.1")
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+        return instantiate(compose("simulate", ["seed=9", *SHORT]).campaign, _convert_="all")
+
+
+@pytest.fixture(scope="module")
+def recording(campaign):
+    return campaign.recording(0)
+
+
+@pytest.fixture
+def refused(monkeypatch, capfd, tmp_path):
+    """Call a command that must refuse, with one line that matches."""
+    monkeypatch.chdir(tmp_path)
+
+    def check(name, words, *overrides):
+        code, error = call(monkeypatch, capfd, name, *overrides, "hydra.run.dir=run")
+        assert code == 2, error
+        # a simulation's bar is no part of the message
+        lines = [line for line in error.splitlines() if line.strip() and not line.startswith("simulating")]
+        assert len(lines) == 1, error
+        assert lines[0].startswith("error: ")
+        assert re.search(words, lines[0]), error
+
+    return check
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("rnus=3", "Could not override 'rnus'"),
+        ("contact=flroes", "contact/flroes.*flores hunt_crossley"),
+        ("runs=0", r"runs = 0 is outside \[1, .*change runs$"),
+        ("runs=2.5", "runs = 2.5 is not a whole number; change runs$"),
+        ("runs=many", "runs = 'many' is not a number; change runs$"),
+        ("seed=-1", r"seed = -1 is outside \[0, .*change seed$"),
+        ("workers=-1", "workers = -1.*1 or more; change workers"),
+        ("shard=4/3", "shard = 4/3 must be k/n with 1 <= k <= n"),
+        ("shard=half", "shard = 'half' must be k/n, for example"),
+        ("campaign.clearance_range=[-1e-4,1e-3]", r"-0.0001 is outside \[0, 0.002\]; change campaign.cl"),
+        ("campaign.clearance_range=[0,1]", r"= 1 is outside \[0, 0.002\]; change campaign.clearance_range"),
+        ("campaign.clearance_range=[1e-3,0]", "change campaign.clearance_range"),
+        ("campaign.speed_range=600", "= 600 is not a list of 2 numbers; change campaign.speed_range"),
+        ("mechanism.joint_c.clearance=5e-3", r"0.005 is outside \[0, 0.002\]; change mechanism.joint_c"),
+        ("mechanism.joint_b.clearance=-1e-5", r"-1e-05 is outside .*; change mechanism.joint_b.clearance"),
+        ("mechanism.rod.length=0.05", r"rod.length = 0.05 m.*exceed.*0.05 m; change mechanism.rod.length"),
+        ("mechanism.guide_offset=0.08", "cannot turn.*guide_offset"),
+        ("mechanism.crank.mass=-1", r"mass = -1 is outside \(0, inf\); change mechanism.crank.mass"),
+        ("mechanism.gravity=9.81", "gravity = 9.81 is not a list of 2 numbers; change mechanism.gravity"),
+        ("contact.restitution=1.5", r"restitution = 1.5 is outside \(0, 1\]; change contact.restitution"),
+        ("+contact.hardness=1", "unexpected keyword argument 'hardness'"),
+        ("chain.filter_order=3", "filter_order = 3 is odd.*change chain.filter_order"),
+        ("chain.decimation=0", r"decimation = 0 is outside \[1, 200\]; change chain.decimation"),
+        ("integrator.step=1", r"step = 1 is outside .*; change integrator.step"),
+        ("integrator.scheme=verlet", "'verlet' is not one of semi_implicit_euler, runge_kutta_4; change"),
+        ("+sensor_chain.default.gian=1", "unknown key gian; did you mean 'gain'"),
+        ("campaign.record_start=1", r"record_start = 1 is outside \[0, 0.3\]; change campaign.record_start"),
+        ("dataset=/dev/null", "dataset = /dev/null holds something else; give a folder that is new or empty"),
+    ],
+)  # fmt: skip
+def test_simulate(refused, tmp_path, override, words):
+    refused("simulate", words, *SHORT, "dataset=data", override)
+    assert not (tmp_path / "data").exists()
+
+
+def test_simulate_with_other_settings_names_them(refused, campaign, tmp_path):
+    campaign.generate(tmp_path / "data")
+    before = sorted(tmp_path.rglob("*"))
+    words = r"data was made with other settings \(integrator.step: 1e-05 there, 5e-06 here\)"
+    refused("simulate", words, *SHORT, "seed=9", "dataset=data", "integrator.step=5e-6")
+    assert sorted(path for path in tmp_path.rglob("*") if "run" not in path.parts) == before
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("model=lsmt", "model/lsmt.*gru lstm"),
+        ("sensors=rob", "sensors/rob.*rod"),
+        ("sensors.channels=[rod_axial]", "'rod_axial' is not a channel; did you mean"),
+        ("sensors.channels=[]", "no channel is listed"),
+        ("seed=-1", r"seed = -1 is outside .*; change seed$"),
+        ("split_seed=x", "seed = 'x' is not a number; change split_seed$"),
+        ("trainer.epochs=0", r"epochs = 0 is outside \[1, 1e\+06\]; change trainer.epochs"),
+        ("trainer.threads=0", r"threads = 0 is outside \[1, 1024\]; change trainer.threads"),
+        ("trainer.optimizer.lr=-1", "Invalid learning rate: -1; change trainer.optimizer"),
+        ("trainer.monitor=val/mae", "trainer.monitor=val/mae: must be one of val/loss"),
+        ("model.gradient_clip=0", r"gradient_clip = 0 is outside \(0, inf\); change model.gradient_clip"),
+        ("windows.length=0", r"length = 0 is outside \[1, inf\); change windows.length"),
+        ("windows.stride=x", "stride = 'x' is not a number; change windows.stride"),
+        ("data.batch_size=0", r"batch_size = 0 is outside \[1, inf\); change data.batch_size"),
+        ("data.memory_gib=0", r"memory_gib = 0 is outside .*; change data.memory_gib"),
+        ("data.split.train=0.9", "their sum below 1; set split.train"),
+        ("clearance_range=0", r"= 0 is outside \(0, 1\]; change clearance_range"),
+        ("calibration.coverage=2", r"coverage = 2 is outside \[0.01, 0.999\]"),
+        ("data=stored", "Missing mandatory value: .*data.source.path"),
+    ],
+)
+def test_train_refuses_before_it_simulates_or_writes(refused, tmp_path, override, words):
+    refused("train", words, *SMALL, "folder=run/training", override)
+    assert not (tmp_path / "outputs").exists()
+    assert not (tmp_path / "run/training").exists()
+
+
+TREES = ("experiment=smoke", "model=xgboost", "model.rounds=5", "model.depth=3")
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (("data=stored", "data.source.path=nothing"), "nothing is not there; make it with"),
+        (("data=stored", "data.source.path=foreign"), "foreign is not a data set of this project"),
+        (("data=stored", "data.source.path=data"), "run 1 is damaged.*signals/c/1/0/0 and repeat"),
+        (("data=measured", "data.source.path=nothing.yaml"), "nothing.yaml: not a readable list"),
+        (("data=measured", "data.source.path=list.csv"), "run.parquet has no number clearance_c"),
+        (("data=simulated", "runs=2"), "2 independent recordings: at least 3 are needed"),
+        (("data=simulated", "windows.length=5000"), "2000 samples: at least 5000 are needed.*windows.length"),
+        (("data=simulated", "start_time=5"), r"record_start = 5 is outside \[0, 0.3\]; change start_time"),
+    ],
+)  # fmt: skip
+def test_train_names_what_is_wrong_with_its_data(refused, campaign, recording, tmp_path, data, words):
+    (tmp_path / "foreign").mkdir()
+    (tmp_path / "foreign/zarr.json").write_text('{"zarr_format": 3, "node_type": "group"}')
+    replace(campaign, runs=4).generate(tmp_path / "data")
+    chunk = tmp_path / "data/signals/c/1/0/0"
+    chunk.write_bytes(chunk.read_bytes()[:-100])
+    write(recording, tmp_path / "run.parquet")
+    (tmp_path / "list.csv").write_text("path,clearance_b\nrun.parquet,1e-4\n")
+    refused("train", words, *TREES, "data_seed=9", *data)
+    assert not (tmp_path / "run/metrics.json").exists()
+
+
+def test_train_does_not_replace_another_training_unasked(refused, trained, tmp_path):
+    shutil.copytree(trained / "run", tmp_path / "run")
+    before = {path: path.read_bytes() for path in (tmp_path / "run").glob("*.json")}
+    refused(
+        "train",
+        r"run holds a training with other settings \(.*seed.*\): choose.*resume=false",
+        *TREES,
+        "seed=5",
+    )
+    assert before == {path: path.read_bytes() for path in before}
+
+
+def test_training_anew_once_does_not_spoil_later_plain_runs(trained, tmp_path, monkeypatch, capfd):
+    shutil.copytree(trained, tmp_path / "home")
+    monkeypatch.chdir(tmp_path / "home")
+    metrics = tmp_path / "home/run/metrics.json"
+    begin = metrics.stat().st_mtime_ns
+    assert call(monkeypatch, capfd, "train", *TREES, "hydra.run.dir=run", "resume=false")[0] == 0
+    anew = metrics.stat().st_mtime_ns
+    assert anew > begin
+    assert call(monkeypatch, capfd, "train", *TREES, "hydra.run.dir=run")[0] == 0
+    assert metrics.stat().st_mtime_ns == anew
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    home = tmp_path_factory.mktemp("trained")
+    done = launch("train", *TREES, "hydra.run.dir=run", folder=home)
+    assert done.returncode == 0, done.stderr
+    return home
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda run: shutil.rmtree(run), "run: no configuration of a model there; set checkpoint"),
+        (lambda run: cut(run / "model.ubj"), "model.ubj: not an XGBoost model.*set checkpoint"),
+        (lambda run: (run / "model.ubj").unlink(), "model.ubj: not an XGBoost model.*No such file"),
+        (lambda run: cut(run / "calibration.json"), "calibration.json: not a readable file of a training"),
+        (lambda run: (run / "scalers.json").write_text("[]"), "not the calibration of a training"),
+        (lambda run: (run / "scalers.json").write_text("\\0"), "scalers.json: not a readable file"),
+        (lambda run: (run / "config.yaml").write_bytes(b"\xff\xfe"), "config.yaml: not a readable config"),
+        (
+            lambda run: (run / "config.yaml").write_text("model: {_target_: os.system, command: ls}"),
+            "names 'os.system'.*set checkpoint",
+        ),
+    ],
+)  # fmt: skip
+def test_predict_refuses_a_damaged_or_foreign_checkpoint(
+    refused, trained, recording, tmp_path, damage, words
+):
+    shutil.copytree(trained / "run", tmp_path / "model/run")
+    damage(tmp_path / "model/run")
+    write(recording, tmp_path / "a.parquet")
+    refused("predict", words, "checkpoint=model/run", "recordings=[a.parquet]", "output=p.json")
+    assert not (tmp_path / "p.json").exists()
+
+
+ROD = ("rod_b_transverse", "rod_b_axial", "rod_c_transverse", "rod_c_axial")
+
+
+def csv(path, recording, time=None, names=ROD):
+    time = recording.time if time is None else time
+    rows = np.column_stack([time, recording.select(ROD).values[: len(time)]])
+    np.savetxt(path, rows, "%.7g", ",", header=",".join(("time", *names)), comments="")
+
+
+def with_nan(path, recording):
+    csv(path, recording)
+    lines = path.read_text().splitlines()
+    lines[31] = lines[31].replace(lines[31].split(",")[2], "nan")
+    path.write_text("\n".join(lines))
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "words"),
+    [
+        ("a.csv", lambda p, r: csv(p, r, names=("velocity", *ROD[1:])), "a.csv: columns velocity are no cha"),
+        (
+            "a.csv",
+            lambda p, r: (csv(p, r), p.with_suffix(".yaml").write_text("units: {rod_b_axial: furlong}")),
+            "a.yaml: units.rod_b_axial: 'furlong' is not a known unit; .* choose from m/s",
+        ),
+        (
+            "a.parquet",
+            lambda p, r: write(r.select(("slider_horizontal",)), p),
+            "a.parquet: lacks the channels .*rod_b_transverse.*train with sensors that are there",
+        ),
+        ("a.csv", with_nan, "a.csv: channel 'rod_b_axial' has 1 values that are not finite.*in sample 30"),
+        (
+            "a.csv",
+            lambda p, r: csv(p, r, np.r_[r.time[:1000], r.time[1000:] + 0.01]),
+            "a.csv: time jumps by 0.0101 s .*1 such gaps; cut the recording",
+        ),
+        (
+            "a.csv",
+            lambda p, r: csv(p, r, np.r_[r.time[:1000], r.time[1000:] + 4e-5]),
+            "a.csv: time is not uniform.*resample",
+        ),
+        (
+            "a.parquet",
+            lambda p, r: write(Recording(r.values[:150], r.channels, r.rate), p),
+            r"a.parquet: 150 samples: at least 200 are needed \(0.02 s\)",
+        ),
+        (
+            "a.parquet",
+            lambda p, r: write(Recording(r.values, r.channels, 2e4), p),
+            "a.parquet: sampled at 20000 Hz: the model reads 10000 Hz .*resample",
+        ),
+        ("a.parquet", lambda p, r: (write(r, p), cut(p)), "a.parquet: not readable as Parquet"),
+        ("a.parquet", lambda p, r: p.write_bytes(b"foreign" * 99), "a.parquet: not readable as Parquet"),
+        ("a.parquet", lambda p, r: None, "a.parquet: there is no such file"),
+        ("a.txt", lambda p, r: p.write_text("1 2 3"), "the ending '.txt' is not known; .* end in .parquet"),
+    ],
+)  # fmt: skip
+def test_predict_refuses_a_bad_recording_and_names_it(
+    refused, trained, recording, tmp_path, name, make, words
+):
+    make(tmp_path / name, recording)
+    write(recording, tmp_path / "good.parquet")
+    refused(
+        "predict",
+        words,
+        f"checkpoint={trained / 'run'}",
+        f"recordings=[good.parquet,{name}]",
+        "output=p.json",
+    )
+    assert not (tmp_path / "p.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("recordings=[]", r"recordings=\[\]: at least one file"),
+        ("checkpoint=nowhere", "checkpoint=nowhere: no configuration of a model there"),
+        ("output=/dev/full/p.json", "/dev/full"),
+    ],
+)
+def test_predict_names_wrong_arguments(refused, trained, recording, tmp_path, override, words):
+    write(recording, tmp_path / "good.parquet")
+    refused("predict", words, f"checkpoint={trained / 'run'}", "recordings=good.parquet", override)
+
+
+def test_predict_distrusts_another_measurement_chain(trained, recording, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    other = {**recording.metadata["chain"], "base_rate": 5e4, "decimation": 5}
+    for name, metadata in (("same", recording.metadata), ("other", {"chain": other}), ("silent", {})):
+        write(
+            Recording(recording.values, recording.channels, recording.rate, metadata=metadata),
+            tmp_path / f"{name}.parquet",
+        )
+    csv(tmp_path / "declared.csv", recording)
+    (tmp_path / "declared.yaml").write_text("chain: {ripple_db: 0.5}")
+    files = "recordings=[same.parquet,other.parquet,silent.parquet,declared.csv]"
+    assert (
+        call(monkeypatch, capfd, "predict", f"checkpoint={trained / 'run'}", files, "output=p.json")[0] == 0
+    )
+    same, changed, silent, declared = json.loads((tmp_path / "p.json").read_text())
+    assert "chain" not in same["reason"] + silent["reason"]
+    assert not changed["trusted"]
+    assert "recorded with chain.base_rate = 50000.0, the model was trained with 100000.0" in changed["reason"]
+    assert "recorded with chain.decimation = 5, the model was trained with 10" in changed["reason"]
+    assert not declared["trusted"]
+    assert declared["reason"].startswith(
+        "recorded with chain.ripple_db = 0.5, the model was trained with 0.05"
+    )
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of its own that holds 300 kB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", str(place)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode != 0:
+        pytest.skip("file systems cannot be mounted here")
+    yield place
+    subprocess.run(["umount", "-l", str(place)], check=True)
+
+
+def test_simulate_on_a_full_disk_says_so_and_goes_on_when_there_is_room(refused, campaign, small_disk):
+    many = ("runs=12", *SHORT[1:], "seed=9", "workers=1")  # of 80 kB each
+    refused("simulate", "No space left on device; make room", *many, f"dataset={small_disk / 'data'}")
+    stored = Dataset.open(small_disk / "data")
+    assert 0 < len(stored.stored()) < 12
+    for run in stored.stored():
+        stored.read(int(run))
+    assert not list(small_disk.rglob("*.partial"))
+    subprocess.run(["mount", "-o", "remount,size=5m", str(small_disk)], check=True)
+    whole = replace(campaign, runs=12)
+    resumed, elsewhere = whole.generate(small_disk / "data"), whole.generate(small_disk / "other")
+    for run in range(12):
+        np.testing.assert_array_equal(resumed.read(run), elsewhere.read(run))
+
+
+def test_train_on_a_full_disk_says_so(refused, small_disk):
+    (small_disk / "filler").write_bytes(bytes(4096 * (os.statvfs(small_disk).f_bavail - 3)))
+    refused("train", "(No space left|cannot be written).*", *TREES, f"folder={small_disk / 'training'}")
+    assert not (small_disk / "training/metrics.json").exists()

@@ -1,0 +1,177 @@
+"""The commands as a user runs them: simulate, train, predict; repeated, killed, mistyped."""
+
+import json
+import math
+import re
+import signal
+import subprocess
+import time
+
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.utils import instantiate
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
+
+from clearance.commands import CONFIGURATION
+from clearance.recording.dataset import Dataset
+from clearance.recording.files import write
+from tests.command_line import SMALL, command, environment, launch
+
+# Many short epochs: time for a signal to arrive before the last one.
+TRAIN = (*SMALL, "trainer.epochs=40", "hydra.run.dir=run")
+SIMULATE = ("runs=4", "seed=3", "campaign.duration=0.3", "campaign.record_start=0.1", "dataset=data")
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    return tmp_path_factory.mktemp("home")
+
+
+@pytest.fixture(scope="module")
+def trained(home):
+    done = launch("train", *TRAIN, folder=home)
+    assert done.returncode == 0, done.stderr
+    return home / "run", done.stdout
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+        cfg = compose("train", [*SMALL, "data_seed=7"])
+    return instantiate(cfg.campaign, _convert_="all")
+
+
+def test_simulate_makes_a_data_set_and_has_nothing_to_do_the_second_time(home):
+    first = launch("simulate", *SIMULATE, folder=home)
+    assert first.returncode == 0, first.stderr
+    assert "data holds 4 of 4 runs of 0.2 s at 10 kHz (0 failed)" in first.stdout
+    chunks = {path: path.stat().st_mtime_ns for path in (home / "data/signals/c").rglob("*")}
+    second = launch("simulate", *SIMULATE, folder=home)
+    assert (second.returncode, second.stderr) == (0, "")
+    assert "data holds 4 of 4 runs" in second.stdout
+    assert chunks == {path: path.stat().st_mtime_ns for path in (home / "data/signals/c").rglob("*")}
+    assert Dataset.open(home / "data").available().tolist() == [0, 1, 2, 3]
+
+
+def test_a_training_leaves_what_it_says(trained):
+    run, output = trained
+    assert {"config.yaml", "model.safetensors", "scalers.json", "calibration.json", "metrics.json"} <= {
+        path.name for path in run.iterdir()
+    }
+    assert not (run / "checkpoints").exists()
+    metrics = json.loads((run / "metrics.json").read_text())
+    assert all(math.isfinite(metrics[part]["nmae"]) for part in ("validation", "test"))
+    assert "epoch 1 of 40: validation NMAE" in output
+    assert "s left" in output
+    assert "mean error on 3 test recordings" in output
+
+
+def test_a_finished_training_is_reported_and_left_alone(trained, home):
+    run, _ = trained
+    before = {
+        path: path.stat().st_mtime_ns for path in run.iterdir() if path.suffix in (".json", ".safetensors")
+    }
+    again = launch("train", *TRAIN, folder=home)
+    assert again.returncode == 0, again.stderr
+    assert "run is finished: resume=false trains again" in again.stdout
+    assert before == {path: path.stat().st_mtime_ns for path in before}
+
+
+def test_tensorboard_shows_losses_metrics_hyperparameters_and_pictures(trained):
+    run, _ = trained
+    events = EventAccumulator(str(run), size_guidance={"images": 0, "scalars": 0}).Reload()
+    assert {"train/loss", "val/loss", "val/nmae", "test/nmae", "lr-AdamW"} <= set(events.Tags()["scalars"])
+    assert len(events.Scalars("val/nmae")) == 40
+    assert {"test/predicted_against_true", "test/error"} <= set(events.Tags()["images"])
+    content = {
+        tag: HParamsPluginData.FromString(data) for tag, data in events.PluginTagToContent("hparams").items()
+    }
+    parameters = content["_hparams_/session_start_info"].session_start_info.hparams
+    assert parameters["seed"].number_value == 42
+    assert parameters["model/net/hidden_size"].number_value == 16
+    assert any("lr" in name for name in parameters)
+    metrics = {info.name.tag for info in content["_hparams_/experiment"].experiment.metric_infos}
+    assert {"test/nmae", "test/recording_nmae"} <= metrics
+
+
+def test_predict_estimates_a_recording_that_the_model_has_not_seen(trained, home, campaign):
+    for run in (0, 1):
+        write(campaign.recording(run), home / f"{run}.parquet")
+    done = launch(
+        "predict", "checkpoint=run", "recordings=[0.parquet,1.parquet]", "output=p.json", folder=home
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    estimates = json.loads((home / "p.json").read_text())
+    assert [one["path"] for one in estimates] == ["0.parquet", "1.parquet"]
+    for one in estimates:
+        assert {"path", "clearance_m", "low_m", "high_m", "trusted", "reason"} <= set(one)
+        assert 0 <= one["low_m"] <= one["clearance_m"] <= one["high_m"] <= 1e-3
+        assert f"{one['clearance_m'] * 1e3:.4f}" in done.stdout
+    assert "90% interval mm" in done.stdout
+
+
+def started(home, *overrides):
+    """A training that has finished its first epoch."""
+    process = subprocess.Popen(
+        command("train", *overrides), cwd=home, env=environment(), text=True,
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        # a test run in the background ignores Ctrl-C, and its children would inherit that
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    deadline = time.time() + 120
+    while not (home / "killed/checkpoints/last.ckpt").exists() and time.time() < deadline:
+        time.sleep(0.005)
+    return process
+
+
+def test_a_killed_training_goes_on_to_the_very_same_weights(trained, home):
+    run, _ = trained
+    overrides = (*TRAIN[:-1], "hydra.run.dir=killed")
+    stopped = started(home, *overrides)
+    stopped.send_signal(signal.SIGINT)
+    assert "interrupted; the same command goes on from here" in stopped.communicate()[1]
+    assert stopped.returncode == 130
+    killed = started(home, *overrides)
+    time.sleep(0.05)
+    killed.kill()
+    killed.communicate()
+    assert not (home / "killed/metrics.json").exists()
+    resumed = launch("train", *overrides, folder=home)
+    assert resumed.returncode == 0, resumed.stderr
+    assert "going on from" in resumed.stdout
+    # Bit by bit: the order of the windows and the optimiser's state are those of the uninterrupted run.
+    for name in ("model.safetensors", "scalers.json", "calibration.json"):
+        assert (home / "killed" / name).read_bytes() == (run / name).read_bytes(), name
+
+
+def test_multirun_makes_a_folder_a_job_named_by_its_overrides(home):
+    sweep = ("experiment=smoke", "model=lstm,tcn", "seed=1,2", "trainer.epochs=1", "trainer.threads=1")
+    done = launch("train", "-m", *sweep, folder=home)
+    assert done.returncode == 0, done.stderr
+    jobs = home / "outputs/train/smoke"
+    assert {path.name for path in jobs.iterdir() if path.is_dir()} == {
+        f"model={model},seed={seed},trainer.epochs=1,trainer.threads=1"
+        for model in ("lstm", "tcn")
+        for seed in (1, 2)
+    }
+    assert all((job / "metrics.json").exists() for job in jobs.iterdir() if job.is_dir())
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ("rnus=3", "error: Could not override 'rnus'"),
+        ("contact=flroes", "error: .*contact/flroes.*flores"),
+    ],
+)
+def test_a_mistyped_override_is_one_line(home, wrong, words):
+    done = launch("simulate", wrong, folder=home)
+    assert done.returncode == 2
+    assert re.fullmatch(f"{words}.*\n", done.stderr)
+
+
+def test_an_unknown_option_is_named(home):
+    done = launch("simulate", "--fast", folder=home)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1] == "simulate.py: error: unrecognized arguments: --fast"

@@ -1,0 +1,110 @@
+"""Each `data=` option trains: recordings from a store, from files, and simulated anew every epoch."""
+
+import json
+
+import numpy as np
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.utils import instantiate
+
+from clearance.commands import CONFIGURATION
+from clearance.errors import InputError
+from clearance.recording.files import write
+from clearance.recording.recording import Recording
+from tests.command_line import SMALL, call
+
+RUNS = 6
+
+
+def composed(*overrides):
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+        return compose("train", [*SMALL, f"runs={RUNS}", *overrides])
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return instantiate(composed().campaign, _convert_="all")
+
+
+@pytest.fixture(scope="module")
+def stored(campaign, tmp_path_factory):
+    return campaign.generate(tmp_path_factory.mktemp("stored") / "data")
+
+
+@pytest.fixture(scope="module")
+def measured(campaign, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("measured")
+    rows = ["path,clearance_c,speed,group"]
+    for run in range(RUNS):
+        recording = campaign.recording(run)
+        truth = recording.metadata["truth"]
+        write(recording, folder / f"{run}.parquet")
+        rows.append(f"{run}.parquet,{truth['clearance_c']},{truth['speed']},")
+    (folder / "list.csv").write_text("\n".join(rows))
+    return folder / "list.csv"
+
+
+def loaded(*overrides):
+    data = instantiate(composed(*overrides).data, _convert_="all")
+    data.prepare_data()
+    data.setup()
+    return data
+
+
+def test_files_and_a_store_of_the_same_runs_are_the_same_data(stored, measured):
+    one = loaded("data=stored", f"data.source.path={stored.path}")
+    two = loaded("data=measured", f"data.source.path={measured}")
+    np.testing.assert_array_equal(one.recordings.target, two.recordings.target)
+    # Equal to the last bits of single precision, in which the store keeps what the files hold in double.
+    np.testing.assert_allclose(one.recordings.signals, two.recordings.signals, rtol=1e-5, atol=1e-5)
+    assert one.recordings.chain == two.recordings.chain
+
+
+def test_streamed_training_runs_change_every_epoch_and_others_do_not(campaign):
+    data = loaded("data=streaming", "data.source.runs=4", "data.source.held_out=3")
+    first = {name: getattr(data, f"{name}_windows")() for name in ("training", "validation", "test")}
+    signals, targets = first["training"].signals.clone(), first["training"].target.clone()
+    later = data.training_windows(epoch=1)
+    training = slice(0, 4 * campaign.sampling.samples)
+    assert not np.array_equal(later.signals[training], signals[training])
+    np.testing.assert_array_equal(later.signals[training.stop :], signals[training.stop :])
+    assert not np.array_equal(later.target, targets)
+    np.testing.assert_array_equal(data.validation_windows().target, first["validation"].target)
+
+
+@pytest.mark.parametrize("kind", ["stored", "measured", "streaming", "simulated"])
+def test_every_source_trains_to_the_end(kind, stored, measured, tmp_path, monkeypatch, capfd):
+    source = {
+        "stored": [f"data.source.path={stored.path}"],
+        "measured": [f"data.source.path={measured}"],
+        "streaming": ["data.source.runs=4", "data.source.held_out=3"],
+        "simulated": [],
+    }[kind]
+    monkeypatch.chdir(tmp_path)
+    overrides = (*SMALL, f"runs={RUNS}", f"data={kind}", *source, "hydra.run.dir=run")
+    code, error = call(monkeypatch, capfd, "train", *overrides)
+    assert code == 0, error
+    metrics = json.loads((tmp_path / "run/metrics.json").read_text())
+    assert 0 < metrics["test"]["nmae"] < 200
+
+
+def test_a_list_of_files_from_different_chains_is_refused(measured, campaign):
+    recording = campaign.recording(0)
+    other = {**recording.metadata, "chain": {"cutoff": 0.5}}
+    write(
+        Recording(recording.values, recording.channels, recording.rate, 0.1, other),
+        measured.parent / "x.parquet",
+    )
+    wrong = measured.with_name("wrong.csv")
+    wrong.write_text(measured.read_text() + "\nx.parquet,1e-4,60,\n")
+    with pytest.raises(InputError, match=r"wrong.csv: recordings with different chains .*0\.8.*0\.5"):
+        loaded("data=measured", f"data.source.path={wrong}")
+
+
+def test_a_gauge_remembers_the_chain_of_its_training():
+    assert (
+        loaded(
+            "chain.cutoff=0.7", "data=streaming", "data.source.runs=3", "data.source.held_out=1"
+        ).recordings.chain["cutoff"]
+        == 0.7
+    )
