@@ -26,6 +26,7 @@ CONFIGURATION = _HERE / "conf" if (_HERE / "conf").is_dir() else _HERE.parent / 
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _UNKNOWN_KEY = re.compile(r"the key that ends in '(\w+)'")
+_PATH_WITH_KEYS = re.compile(r"""([\w.]+)=([^'"\[{$(][^'"]*=[^'"]*)""")
 _BACKGROUND = re.compile(r"Config search path:.*|\s*object_type=.*|See https://\S+.*")
 
 
@@ -50,6 +51,7 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
         @wraps(task)
         def main() -> Any:
             os.environ["HYDRA_FULL_ERROR"] = "1"  # let errors through, instead of Hydra's own report of them
+            sys.argv[1:] = map(_quoted, sys.argv[1:])
             before, threading.excepthook = threading.excepthook, _thread_error
             try:
                 with _reported():
@@ -76,6 +78,12 @@ def _reported(cfg: DictConfig | None = None) -> Iterator[None]:
         logging.getLogger(__name__).debug("wrong input", exc_info=error)
         sys.stderr.write(f"error: {wrong}\n")
         raise SystemExit(2) from None
+
+
+def _quoted(argument: str) -> str:
+    """``checkpoint=runs/model=lstm,seed=1`` is one path, named by a sweep, and not Hydra's grammar."""
+    whole = _PATH_WITH_KEYS.fullmatch(argument)
+    return f"{whole[1]}='{whole[2]}'" if whole else argument
 
 
 def _thread_error(error: threading.ExceptHookArgs) -> None:

@@ -15,7 +15,7 @@ from safetensors.numpy import load_file
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
-from clearance.commands import CONFIGURATION
+from clearance.commands import CONFIGURATION, _quoted
 from clearance.recording.dataset import Dataset
 from clearance.recording.files import write
 from tests.command_line import SMALL, command, environment, launch
@@ -181,3 +181,16 @@ def test_an_unknown_option_is_named(home):
     done = launch("simulate", "--fast", folder=home)
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1] == "simulate.py: error: unrecognized arguments: --fast"
+
+
+def test_a_folder_named_by_overrides_needs_no_quotes():
+    assert _quoted("checkpoint=runs/model=lstm,seed=1") == "checkpoint='runs/model=lstm,seed=1'"
+    for as_it_is in (
+        "model=lstm,gru",
+        "recordings=[a.csv,b.csv]",
+        "+a={b=1}",
+        "seed=range(3)",
+        "a='b=c'",
+        "--help",
+    ):
+        assert _quoted(as_it_is) == as_it_is
