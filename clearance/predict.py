@@ -13,6 +13,7 @@ from clearance.errors import InputError
 from clearance.models.gauge import Estimate, Gauge
 from clearance.models.run_folder import CONFIG, read_yaml, write_json
 from clearance.models.trusted import instantiate_trusted
+from clearance.recording.correction import corrected
 from clearance.recording.files import read
 
 log = logging.getLogger(__name__)
@@ -46,7 +47,7 @@ def load_gauge(folder: Path) -> Gauge:
 
 def estimate_file(gauge: Gauge, path: Path) -> Estimate:
     """Estimate one file; errors name it."""
-    recording = read(path)
+    recording = corrected(read(path))
     missing = [name for name in gauge.channels if name not in recording.channels]
     if missing:
         raise InputError(

@@ -12,6 +12,7 @@ import yaml
 
 from clearance.errors import InputError
 from clearance.recording.chain import declared_chain
+from clearance.recording.correction import corrected
 from clearance.recording.recording import Recording
 from clearance.windows.sources import FixedSource, LabelledRecordings, check_memory
 
@@ -35,7 +36,7 @@ class MeasuredSource(FixedSource):
         digest, used = hashlib.sha256(), 0
         for entry in entries:
             file = Path(self.path).parent / str(entry["path"])
-            recording = self.read(file)
+            recording = corrected(self.read(file))
             signals.append(recording.select(channels).values.astype(np.float32))
             rates.add(float(recording.rate))
             chains.append(declared_chain(recording.metadata.get("chain")))

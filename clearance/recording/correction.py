@@ -1,0 +1,54 @@
+"""Undo what a recording declares of its sensors: the inverse of the invertible part of ``sensors``.
+
+Bias, gain, delay and mounting angle are taken out, so that a model trained on ideal sensors can read the
+recording. Bandwidth and noise stay: undoing the one would amplify the other.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from clearance.errors import InputError
+from clearance.recording.channels import AXIS_PAIRS
+from clearance.recording.recording import Recording
+from clearance.recording.sensors import declared_chain
+
+
+def corrected(recording: Recording) -> Recording:
+    """What ideal sensors would have written; the same object where nothing is declared.
+
+    Raises:
+        InputError: if a mounting angle is declared for an axis whose partner was not recorded.
+    """
+    chain = declared_chain(recording)
+    if not chain.sensors:
+        return recording
+    columns = {name: recording.values[:, i].copy() for i, name in enumerate(recording.channels)}
+    for name, sensor in chain.sensors.items():
+        if name in columns:
+            plain = (columns[name] - sensor.bias) / sensor.gain
+            columns[name] = _advanced(plain, sensor.delay * recording.rate)
+    for first, turned in AXIS_PAIRS:
+        alpha, beta = (np.radians(chain.sensor(name).mounting_angle) for name in (first, turned))
+        if alpha == 0.0 and beta == 0.0:
+            continue
+        missing = [name for name in (first, turned) if name not in columns]
+        if len(missing) == 2:
+            continue
+        if missing:
+            raise InputError(
+                f"sensors: a mounting_angle mixes {first} and {turned}, but {missing[0]} is not recorded; "
+                "record it too, or leave the angle out"
+            )
+        mixing = np.array([[np.cos(alpha), np.sin(alpha)], [-np.sin(beta), np.cos(beta)]])
+        columns[first], columns[turned] = np.linalg.solve(mixing, np.stack([columns[first], columns[turned]]))
+    return replace(recording, values=np.stack([columns[name] for name in recording.channels], axis=1))
+
+
+def _advanced(signal: np.ndarray, samples: float) -> np.ndarray:
+    """The signal ``samples`` earlier, band-limited, continued by its mirror image."""
+    if samples == 0.0:
+        return signal
+    mirrored = np.concatenate([signal, signal[::-1]])
+    turn = np.exp(2j * np.pi * np.fft.rfftfreq(len(mirrored)) * samples)
+    return np.fft.irfft(np.fft.rfft(mirrored) * turn, len(mirrored))[: len(signal)]
