@@ -41,7 +41,7 @@ def main(cfg: DictConfig) -> None:
     log.info(
         "%s holds %d of %d runs of %g s at %g kHz (%d failed)",
         path,
-        len(dataset.stored()),
+        len(dataset.available()),
         dataset.runs,
         dataset.samples / dataset.rate,
         dataset.rate / 1e3,

@@ -341,8 +341,8 @@ def test_simulate_on_a_full_disk_says_so_and_goes_on_when_there_is_room(refused,
     many = ("runs=12", *SHORT[1:], "seed=9", "workers=1")  # of 80 kB each
     refused("simulate", "No space left on device; make room", *many, f"dataset={small_disk / 'data'}")
     stored = Dataset.open(small_disk / "data")
-    assert 0 < len(stored.stored()) < 12
-    for run in stored.stored():
+    assert 0 < len(stored.available()) < 12
+    for run in stored.available():
         stored.read(int(run))
     assert not list(small_disk.rglob("*.partial"))
     subprocess.run(["mount", "-o", "remount,size=5m", str(small_disk)], check=True)

@@ -97,7 +97,7 @@ def measure_storing(campaign: Campaign, workers: int, record_start: float, folde
     stored = replace(campaign, record_start=record_start)
     with tempfile.TemporaryDirectory(dir=folder, prefix="dataset-") as path:
         cost, dataset = measure(lambda: stored.generate(Path(path) / "data", workers=workers))
-        there, failed = len(dataset.stored()), len(dataset.failures())
+        there, failed = len(dataset.available()), len(dataset.failures())
         written = sum(file.stat().st_size for file in Path(path).rglob("*") if file.is_file()) / 2**20
     return row(
         f"stepping + filter + store, {record_start:g}-{campaign.duration:g} s",

@@ -4,7 +4,6 @@ x runs along the guide, A is the origin. Source of the nominal numbers: the pape
 """
 
 from dataclasses import dataclass, field
-from math import pi
 from typing import Any
 
 import numpy as np
@@ -161,8 +160,3 @@ class SliderCrank:
             for entry, value in joint.numbers().items():
                 values[entry + block] = value
         return values
-
-
-def revolutions_per_minute(speed: float) -> float:
-    """Angular speed [rad/s] in rpm."""
-    return speed * 30.0 / pi

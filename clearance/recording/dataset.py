@@ -135,7 +135,7 @@ class Dataset:
             ) from error
         return {name: values[:, column] for column, name in enumerate(LABELS)}
 
-    def stored(self) -> np.ndarray:
+    def available(self) -> np.ndarray:
         """Indices of the runs whose signals are on disk."""
         folder = self.path / _SIGNALS / "c"
         if not folder.is_dir():
@@ -152,13 +152,9 @@ class Dataset:
             int(file.stem): json.loads(file.read_text())["reason"] for file in sorted(folder.glob("*.json"))
         }
 
-    def available(self) -> np.ndarray:
-        """Indices of the runs that can be read."""
-        return self.stored()
-
     def missing(self) -> np.ndarray:
         """Indices of the runs that are neither stored nor failed."""
-        done = set(self.stored().tolist()) | set(self.failures())
+        done = set(self.available().tolist()) | set(self.failures())
         return np.array([run for run in range(self.runs) if run not in done], dtype=np.int64)
 
     def write(self, run: int, signals: np.ndarray) -> None:
