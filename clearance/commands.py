@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from copy import deepcopy
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import hydra
 from hydra.errors import HydraException
@@ -69,15 +69,22 @@ def _reported(cfg: DictConfig | None = None) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        sys.stderr.write("interrupted; the same command goes on from here\n")
-        raise SystemExit(130) from None
+        _interrupted()
     except Exception as error:
+        # Ctrl-C between two steps of a library can leave it unable to shut down: that error is not the user's.
+        if any(isinstance(link, KeyboardInterrupt) for link in _chain(error)):
+            _interrupted()
         wrong = _wrong_input(error, cfg)
         if wrong is None:
             raise
         logging.getLogger(__name__).debug("wrong input", exc_info=error)
         sys.stderr.write(f"error: {wrong}\n")
         raise SystemExit(2) from None
+
+
+def _interrupted() -> NoReturn:
+    sys.stderr.write("interrupted; the same command goes on from here\n")
+    raise SystemExit(130) from None
 
 
 def _quoted(argument: str) -> str:

@@ -15,7 +15,7 @@ from safetensors.numpy import load_file
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
-from clearance.commands import CONFIGURATION, _quoted
+from clearance.commands import CONFIGURATION, _quoted, _reported
 from clearance.recording.dataset import Dataset
 from clearance.recording.files import write
 from tests.command_line import SMALL, command, environment, launch
@@ -194,3 +194,13 @@ def test_a_folder_named_by_overrides_needs_no_quotes():
         "--help",
     ):
         assert _quoted(as_it_is) == as_it_is
+
+
+def test_an_error_that_ctrl_c_caused_is_reported_as_an_interruption(capsys):
+    with pytest.raises(SystemExit) as left, _reported():
+        try:
+            raise KeyboardInterrupt
+        finally:
+            raise RuntimeError("a library that was interrupted between two steps")
+    assert left.value.code == 130
+    assert "interrupted; the same command goes on from here" in capsys.readouterr().err
