@@ -104,7 +104,7 @@ def run_batch(
             raise
 
 
-def _aligned(rows: int) -> np.ndarray:
+def aligned(rows: int) -> np.ndarray:
     """(rows, WIDTH) zeros that begin on a cache line: a vector store never straddles two."""
     flat = np.zeros(rows * WIDTH + 8)
     offset = (-flat.ctypes.data // 8) % 8
@@ -135,7 +135,7 @@ def _run_group(
 ) -> None:
     lanes = group + [group[-1]] * (WIDTH - len(group))
     codes = machines[group[0]].codes()
-    p, s, saved = _aligned(PARAMETERS), _aligned(STATES), _aligned(STATES)
+    p, s, saved = aligned(PARAMETERS), aligned(STATES), aligned(STATES)
     for lane, run in enumerate(lanes):
         p[:, lane] = machines[run].parameters()
         s[:, lane] = rest_state(machines[run]) if states is None else states[run]
@@ -147,7 +147,7 @@ def _run_group(
     rows = workspace_rows(filters.factor, poles, filtered.size, filters.chunk)
     key = (rows, (WIDTH, sampling.samples, SIGNALS), silent)  # silent signals stay the zeros they began as
     if getattr(workspaces, "key", None) != key:
-        workspaces.key, workspaces.work, workspaces.out = key, _aligned(rows), np.zeros(key[1])
+        workspaces.key, workspaces.work, workspaces.out = key, aligned(rows), np.zeros(key[1])
     out = workspaces.out
     skipped = max(0, sampling.first - filters.chunk)
     period = 1.0 / sampling.base_rate

@@ -14,7 +14,7 @@ from clearance.simulation.layout import COORDINATES, RESULTS, SIGNALS, STATES, R
 
 
 @subroutine
-def _sample_period(
+def sample_period(
     codes: Any, p: Any, s: Any, r: Any, w: Any, scheme: int, h: float, substeps: int, refinement: int
 ) -> None:
     """Advance by one sampling period from an evaluated state."""
@@ -97,7 +97,7 @@ def run_lanes(
     for _ in range(skipped * factor):
         evaluate(codes, p, s, r)
         remember(codes, s, r)
-        _sample_period(codes, p, s, r, w, scheme, h, substeps, refinement)
+        sample_period(codes, p, s, r, w, scheme, h, substeps, refinement)
     evaluate(codes, p, s, r)
     remember(codes, s, r)
     sense(codes, p, s, r, block, (factor - 1) * SIGNALS)
@@ -117,7 +117,7 @@ def run_lanes(
             for c in range(points.size):
                 put(partial, slot * SIGNALS + points[c], get(block, (factor - 1) * SIGNALS + points[c]))
             for m in range(factor):
-                _sample_period(codes, p, s, r, w, scheme, h, substeps, refinement)
+                sample_period(codes, p, s, r, w, scheme, h, substeps, refinement)
                 evaluate(codes, p, s, r)
                 remember(codes, s, r)
                 sense(codes, p, s, r, block, m * SIGNALS)

@@ -1,0 +1,225 @@
+"""Least squares along a chain: unknowns in time order, each measurement touching three neighbours.
+
+Row by row the unknowns of a segment are eliminated by Householder reflections (a square-root information
+filter; Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, ch. V and VI). What remains
+of every block of measurements once the states are gone is the evidence about the parameters: with a right
+model the leftover right-hand sides are independent standard normal numbers.
+
+The unknowns of a segment are its node and its constant forces; parameters come last and stay symbolic, as
+further columns beside the right-hand side. All rows are in units of their own standard deviation.
+"""
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _reflect(r: np.ndarray, b: np.ndarray, rows: int, n: int, total: int) -> None:
+    """Annihilate the first ``n`` columns of ``b[:rows]`` against the triangle ``r``."""
+    projection = np.zeros(total)
+    for j in range(n):
+        square = 0.0
+        for i in range(rows):
+            square += b[i, j] * b[i, j]
+        if square == 0.0:
+            continue
+        head = r[j, j]
+        norm = np.sqrt(head * head + square)
+        alpha = -norm if head > 0.0 else norm
+        v0 = head - alpha
+        scale = 1.0 / (norm * norm - head * alpha)
+        for c in range(j, total):
+            projection[c] = v0 * r[j, c]
+        for i in range(rows):
+            bij = b[i, j]
+            if bij != 0.0:
+                for c in range(j, total):
+                    projection[c] += bij * b[i, c]
+        for c in range(j, total):
+            projection[c] *= scale
+            r[j, c] -= v0 * projection[c]
+        for i in range(rows):
+            bij = b[i, j]
+            if bij != 0.0:
+                for c in range(j, total):
+                    b[i, c] -= bij * projection[c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _predict(r: np.ndarray, n: int, last: int, row: np.ndarray, mean: np.ndarray, half: np.ndarray) -> float:
+    """Variance of one measurement's prediction from the triangle ``r``; ``mean`` solves r mean = rhs."""
+    variance = 1.0
+    for j in range(n):
+        total = row[j]
+        for i in range(j):
+            total -= r[i, j] * half[i]
+        half[j] = total / r[j, j]
+        variance += half[j] * half[j]
+    return variance
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def eliminate(
+    flow: np.ndarray,
+    defect: np.ndarray,
+    inputs: np.ndarray,
+    own: np.ndarray,
+    prior: np.ndarray,
+    damping: np.ndarray,
+    jacobian: np.ndarray,
+    sensitivity: np.ndarray,
+    residual: np.ndarray,
+    kept: np.ndarray,
+    gram: np.ndarray,
+    innovation: np.ndarray,
+    spread: np.ndarray,
+) -> None:
+    """Eliminate the states of all segments.
+
+    Args:
+        flow: (segments, nz, nz + nw + P) derivative of a segment's end by its node, forces and the
+            parameters, each row in units of its process noise.
+        defect: (segments, nz) end minus next node, in the same units.
+        inputs: (segments, nw) present forces in units of their prior standard deviation.
+        own: (segments, nz, nz) derivative of a node by its unknowns, in units of the process noise.
+        prior: (nz,) standard deviation of the first node's unknowns.
+        damping: (segments, nv) weights that hold the unknowns where they are (Levenberg-Marquardt).
+        jacobian: (segments, 3, rows, nz + nw) derivative of the measurements of blocks k - 1, k, k + 1.
+        sensitivity: (segments, rows, P) derivative of block k by the parameters.
+        residual: (segments, rows) measured minus predicted; rows without weight are zero throughout.
+        kept: (segments, nv, 3 nv + P + 1) written: eliminated rows, for the substitution.
+        gram: (P + 1, P + 1) added to: inner products of what is left of [sensitivity, residual].
+        innovation: (segments, rows) written: residual against the prediction from earlier blocks.
+        spread: (segments, rows) written: its standard deviation.
+    """
+    segments, nz, width = flow.shape
+    nw = inputs.shape[1]
+    nv = nz + nw
+    parameters = width - nv
+    rows = residual.shape[1]
+    n, total = 3 * nv, 3 * nv + parameters + 1
+    last = total - 1
+    r = np.zeros((n, total))
+    b = np.zeros((max(rows, 2 * nv), total))
+    mean, half = np.zeros(n), np.zeros(n)
+    for j in range(nz):
+        r[j, j] = 1.0 / prior[j]
+    for j in range(nw):
+        r[nz + j, nz + j] = 1.0
+        r[nz + j, last] = -inputs[0, j]
+    for j in range(nv):
+        b[j, j] = damping[0, j]
+    _reflect(r, b, nv, n, total)
+    for ahead in range(2):  # segments 1 and 2 join the first
+        _join(flow, defect, inputs, own, damping, ahead, r, b, (ahead + 1) * nv, nz, nw, parameters, n, total)
+    for k in range(1, segments - 1):
+        for i in range(rows):
+            for j in range(total):
+                b[i, j] = 0.0
+            for j in range(nv):
+                b[i, j] = jacobian[k - 1, 2, i, j]
+                b[i, nv + j] = jacobian[k, 1, i, j]
+                b[i, 2 * nv + j] = jacobian[k + 1, 0, i, j]
+            for j in range(parameters):
+                b[i, n + j] = sensitivity[k, i, j]
+            b[i, last] = residual[k, i]
+        for j in range(n - 1, -1, -1):
+            value = r[j, last]
+            for c in range(j + 1, n):
+                value -= r[j, c] * mean[c]
+            mean[j] = value / r[j, j]
+        for i in range(rows):
+            value = b[i, last]
+            for j in range(n):
+                value -= b[i, j] * mean[j]
+            innovation[k, i] = value
+            spread[k, i] = np.sqrt(_predict(r, n, last, b[i], mean, half))
+        _reflect(r, b, rows, n, total)
+        for i in range(rows):
+            for j in range(n, total):
+                if b[i, j] != 0.0:
+                    for c in range(n, total):
+                        gram[j - n, c - n] += b[i, j] * b[i, c]
+        for i in range(nv):
+            for j in range(total):
+                kept[k - 1, i, j] = r[i, j]
+        if k + 2 < segments:
+            for i in range(2 * nv):
+                for j in range(2 * nv):
+                    r[i, j] = r[i + nv, j + nv]
+                for j in range(2 * nv, n):
+                    r[i, j] = 0.0
+                for j in range(n, total):
+                    r[i, j] = r[i + nv, j]
+            for i in range(2 * nv, n):
+                for j in range(total):
+                    r[i, j] = 0.0
+            _join(flow, defect, inputs, own, damping, k + 1, r, b, 2 * nv, nz, nw, parameters, n, total)
+    for i in range(2 * nv):  # of the last two segments
+        for j in range(2 * nv):
+            kept[segments - 2 + i // nv, i % nv, j - (i // nv) * nv] = r[i + nv, j + nv]
+        for j in range(n, total):
+            kept[segments - 2 + i // nv, i % nv, j] = r[i + nv, j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _join(
+    flow: np.ndarray,
+    defect: np.ndarray,
+    inputs: np.ndarray,
+    own: np.ndarray,
+    damping: np.ndarray,
+    k: int,
+    r: np.ndarray,
+    b: np.ndarray,
+    place: int,
+    nz: int,
+    nw: int,
+    parameters: int,
+    n: int,
+    total: int,
+) -> None:
+    """Take the node after segment ``k`` into the triangle at column ``place``; ``k`` lies just before it."""
+    nv = nz + nw
+    for i in range(2 * nv):
+        for j in range(total):
+            b[i, j] = 0.0
+    for i in range(nv):
+        b[nv + i, place + i] = damping[k + 1, i]
+    for i in range(nz):
+        for j in range(nz):
+            b[i, place + j] = own[k + 1, i, j]
+        for j in range(nv):
+            b[i, place - nv + j] = -flow[k, i, j]
+        for j in range(parameters):
+            b[i, n + j] = -flow[k, i, nv + j]
+        b[i, total - 1] = defect[k, i]
+    for j in range(nw):
+        b[nz + j, place + nz + j] = 1.0
+        b[nz + j, total - 1] = -inputs[k + 1, j]
+    _reflect(r, b, 2 * nv, n, total)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def substitute(kept: np.ndarray, parameters: np.ndarray, solution: np.ndarray) -> None:
+    """Solve for all segments' unknowns, given a change of the parameters.
+
+    Args:
+        kept: see ``eliminate``.
+        parameters: (P,).
+        solution: (segments, nv) written.
+    """
+    segments, nv, total = kept.shape
+    n = 3 * nv
+    ahead = np.zeros(n)
+    for k in range(segments - 1, -1, -1):
+        for j in range(n - 1, nv - 1, -1):
+            ahead[j] = ahead[j - nv]
+        for i in range(nv - 1, -1, -1):
+            value = kept[k, i, total - 1]
+            for j in range(parameters.size):
+                value -= kept[k, i, n + j] * parameters[j]
+            for j in range(i + 1, n):
+                value -= kept[k, i, j] * ahead[j]
+            ahead[i] = value / kept[k, i, i]
+            solution[k, i] = ahead[i]

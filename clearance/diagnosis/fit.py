@@ -1,0 +1,222 @@
+"""Fit a model's parameters to recordings, together with the path of the simulator on each of them."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clearance.diagnosis.follow import INPUTS, Follower, Pass
+from clearance.mechanism.slider_crank import SliderCrank
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A parameter to be found.
+
+    Attributes:
+        name: in plain words or as in an effect.
+        step: change for its derivative, about its smallest uncertainty.
+        low: bound.
+        high: bound.
+        own: whether each recording has its own value.
+    """
+
+    name: str
+    step: float
+    low: float = -np.inf
+    high: float = np.inf
+    own: bool = False
+
+
+@dataclass(frozen=True)
+class Model:
+    """A machine with unknown parameters.
+
+    Attributes:
+        unknowns: shared ones first, then those that each recording has for itself.
+        machine: makes the machine from values in that order.
+    """
+
+    unknowns: tuple[Unknown, ...]
+    machine: Callable[[np.ndarray], SliderCrank]
+
+    @property
+    def shared(self) -> int:
+        """Number of shared unknowns."""
+        return sum(not u.own for u in self.unknowns)
+
+    def columns(self, values: np.ndarray) -> list[SliderCrank]:
+        """The machine with each unknown changed by its step (inwards at an upper bound)."""
+        machines = []
+        for i, unknown in enumerate(self.unknowns):
+            changed = values.copy()
+            changed[i] += self.step(values, i)
+            machines.append(self.machine(changed))
+            del unknown
+        return machines
+
+    def step(self, values: np.ndarray, i: int) -> float:
+        """Signed step of unknown ``i``."""
+        unknown = self.unknowns[i]
+        return -unknown.step if values[i] + unknown.step > unknown.high else unknown.step
+
+
+@dataclass
+class Fit:
+    """Parameters found, and how well they are known.
+
+    Attributes:
+        model: what was fitted.
+        values: (recordings, unknowns).
+        information: (P, P) of all parameters: shared ones, then each recording's own [1/unit^2].
+        cost: robust sum of squares.
+        passes: the last linearisation of each recording.
+        evidence: -2 log marginal likelihood, up to what all models share.
+    """
+
+    model: Model
+    values: np.ndarray
+    information: np.ndarray
+    cost: float
+    passes: list[Pass]
+
+    @property
+    def evidence(self) -> float:
+        """-2 log of the likelihood with the states integrated out; smaller is better."""
+        left = sum(float(p.gram[-1, -1]) + p.determinant for p in self.passes)
+        return left
+
+    def deviations(self) -> np.ndarray:
+        """(P,) standard deviations of all parameters."""
+        return np.sqrt(np.diag(np.linalg.pinv(self.information)))
+
+
+def observe(
+    followers: Sequence[Follower], model: Model, values: np.ndarray, workers: int = 2, **options: object
+) -> list[Pass]:
+    """Linearise all recordings about their present paths."""
+
+    def one(job: tuple[Follower, np.ndarray]) -> Pass:
+        follower, own = job
+        return follower.look(model.machine(own), model.columns(own), **options)  # type: ignore[arg-type]
+
+    jobs = list(zip(followers, values, strict=True))
+    if workers == 1 or len(jobs) == 1:
+        return [one(job) for job in jobs]
+    with ThreadPoolExecutor(workers) as pool:
+        return list(pool.map(one, jobs))
+
+
+def assemble(passes: Sequence[Pass], model: Model, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Information (P, P) and score (P,) of all parameters in their own units."""
+    shared, count = model.shared, len(model.unknowns)
+    own = count - shared
+    total = shared + own * len(passes)
+    information, score = np.zeros((total, total)), np.zeros(total)
+    for r, one in enumerate(passes):
+        places = [*range(shared), *range(shared + r * own, shared + (r + 1) * own)]
+        scale = 1.0 / np.array([model.step(values[r], i) for i in range(count)])
+        information[np.ix_(places, places)] += one.gram[:-1, :-1] * np.outer(scale, scale)
+        score[places] += one.gram[:-1, -1] * scale
+    return information, score
+
+
+def _spread(change: np.ndarray, model: Model, recordings: int) -> np.ndarray:
+    """(recordings, unknowns) from a vector of all parameters."""
+    shared, own = model.shared, len(model.unknowns) - model.shared
+    rows = [
+        np.concatenate([change[:shared], change[shared + r * own : shared + (r + 1) * own]])
+        for r in range(recordings)
+    ]
+    return np.array(rows)
+
+
+def solve_bounded(
+    information: np.ndarray, score: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """Change that maximises the quadratic, parameters held inside [low, high] (active set)."""
+    count = len(score)
+    change, free = np.zeros(count), np.ones(count, dtype=bool)
+    for _ in range(count + 1):
+        index = np.flatnonzero(free)
+        if not len(index):
+            break
+        part = information[np.ix_(index, index)]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(part), 1e-300))
+        right = score[index] - information[np.ix_(index, np.flatnonzero(~free))] @ change[~free]
+        scaled = part * np.outer(scale, scale) + 1e-10 * np.eye(len(index))
+        change[index] = scale * np.linalg.solve(scaled, scale * right)
+        outside = free & ((change < low) | (change > high))
+        if not outside.any():
+            break
+        change[outside] = np.clip(change[outside], low[outside], high[outside])
+        free &= ~outside
+    return change
+
+
+def fit(
+    followers: Sequence[Follower],
+    model: Model,
+    values: np.ndarray,
+    iterations: int = 10,
+    tolerance: float = 1e-3,
+    workers: int = 2,
+    report: Callable[[int, float, np.ndarray], None] | None = None,
+    **options: object,
+) -> Fit:
+    """Gauss-Newton with step halving from present paths and values.
+
+    Args:
+        followers: one a recording, with paths; moved to the solution.
+        model: what to fit.
+        values: (recordings, unknowns) start values.
+        iterations: at most.
+        tolerance: stop when the cost falls by less than this share.
+        workers: threads.
+        report: called with the iteration, cost and values.
+        options: for ``Follower.look``.
+    """
+    values = values.copy()
+    low = np.array([u.low for u in model.unknowns])
+    high = np.array([u.high for u in model.unknowns])
+    passes = observe(followers, model, values, workers, **options)
+    cost = sum(p.cost for p in passes)
+    first = int(options.get("first", 0))  # type: ignore[call-overload]
+    for iteration in range(iterations):
+        information, score = assemble(passes, model, values)
+        lows, highs = _flatten(low - values, model), _flatten(high - values, model)
+        change = solve_bounded(information, score, lows, highs)
+        paths = [f.path.copy() for f in followers]
+        accepted = False
+        for share in (1.0, 0.5, 0.2, 0.05):
+            moved = values + share * _spread(change, model, len(followers))
+            for r, (follower, one) in enumerate(zip(followers, passes, strict=True)):
+                steps = np.array([model.step(values[r], i) for i in range(len(model.unknowns))])
+                inner = one.change((moved - values)[r] / share / steps)
+                follower.move(share * inner, one.chart, first)
+            trial = observe(followers, model, moved, workers, **options)
+            new = sum(p.cost for p in trial)
+            if np.isfinite(new) and new < cost * (1.0 + 1e-9):
+                accepted = True
+                break
+            for follower, path in zip(followers, paths, strict=True):
+                follower.path = path.copy()
+        if not accepted:
+            break
+        fall, values, passes = cost - new, moved, trial
+        cost = new
+        if report is not None:
+            report(iteration, cost, values)
+        if fall < tolerance * cost and share == 1.0:
+            break
+    information, _ = assemble(passes, model, values)
+    return Fit(model, values, information, cost, passes)
+
+
+def _flatten(rows: np.ndarray, model: Model) -> np.ndarray:
+    shared = model.shared
+    return np.concatenate([rows[0, :shared], rows[:, shared:].ravel()])
+
+
+__all__ = ["INPUTS", "Fit", "Model", "Unknown", "fit", "replace"]

@@ -1,0 +1,349 @@
+"""Keep the simulator on a recording: Gauss-Newton over the nodes of short segments.
+
+Method: weak-constraint smoothing by multiple shooting (Bock & Plitt 1984, IFAC Proc. 17(2); Tremolet 2006,
+Q. J. R. Meteorol. Soc. 132). Every segment starts at a node of its own, ends where the next node should be,
+and predicts the filtered samples around it. Nodes, unknown forces and parameters are found together, so that
+no run is longer than a segment and chaos never gets the time to spoil the comparison.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from clearance.diagnosis.chart import Chart
+from clearance.diagnosis.elimination import eliminate, substitute
+from clearance.diagnosis.measured import REACH, SAMPLES, Measured
+from clearance.lanes import WIDTH
+from clearance.mechanism.parameters import Family, Parameter
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.simulation.batch import aligned
+from clearance.simulation.integrator import Integrator
+from clearance.simulation.layout import SIGNALS, STATES
+from clearance.simulation.shooting import WORK_ROWS, shoot
+
+OUTLIER = 4.0  # standard deviations beyond which a row loses weight (Huber)
+EDGE = 2  # segments at a stretch's ends whose samples feel too much of what lies outside
+
+INPUTS: tuple[Parameter, ...] = (
+    Parameter.FORCE_CRANK_TORQUE,
+    Parameter.FORCE_ROD_MOMENT,
+    Parameter.FORCE_SLIDER_X,
+)
+"""Unknown forces, one for each coordinate that the sensors can tell apart."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Machines that differ from the present one in one parameter each: directions of differentiation.
+
+    Attributes:
+        machines: the changed machines.
+        sizes: what each change counts as, in units of the parameter.
+    """
+
+    machines: tuple[SliderCrank, ...] = ()
+
+
+@dataclass
+class Path:
+    """Where the simulator is on a recording.
+
+    Attributes:
+        nodes: (segments, STATES).
+        inputs: (segments, inputs) unknown forces [N, N m].
+    """
+
+    nodes: np.ndarray
+    inputs: np.ndarray
+
+    @staticmethod
+    def empty(segments: int) -> "Path":
+        """Nothing known yet."""
+        return Path(np.zeros((segments, STATES)), np.zeros((segments, len(INPUTS))))
+
+    def copy(self) -> "Path":
+        """An independent copy."""
+        return Path(self.nodes.copy(), self.inputs.copy())
+
+
+@dataclass
+class Pass:
+    """One linearisation of a stretch, and its least-squares solution.
+
+    Attributes:
+        cost: robust sum of squares, to be compared between passes over the same stretch.
+        residual: (segments, samples, channels) measured minus predicted, in standard deviations of noise.
+        used: (segments, samples, channels) weight of each residual, 0 at the edges.
+        innovation: (segments, samples, channels) residual against the prediction from earlier segments.
+        spread: (segments, samples, channels) its standard deviation; both in those of the noise.
+        defect: (segments, nz) end minus next node, in process noise.
+        gram: (P + 1, P + 1) inner products of what the states cannot explain: parameters, residual.
+        determinant: log determinant of the unknowns' information.
+        contacts: (segments, samples, 4) penetration and normal force of B and of C.
+        predicted: (segments, samples, channels).
+        signals: (segments, base samples, SIGNALS) unfiltered.
+        chart: the unknowns.
+        kept: for ``change``.
+        sensitivity: (segments, samples, channels, P) direct derivative by the parameters, weighted.
+    """
+
+    cost: float
+    residual: np.ndarray
+    used: np.ndarray
+    innovation: np.ndarray
+    spread: np.ndarray
+    defect: np.ndarray
+    gram: np.ndarray
+    determinant: float
+    contacts: np.ndarray
+    predicted: np.ndarray
+    signals: np.ndarray
+    chart: Chart
+    kept: np.ndarray
+
+    def change(self, parameters: np.ndarray) -> np.ndarray:
+        """(segments, nz + inputs) solution for a change of the parameters."""
+        solution = np.zeros(self.kept.shape[:2])
+        substitute(self.kept, parameters, solution)
+        return solution
+
+    @property
+    def samples(self) -> int:
+        """Residuals with weight."""
+        return int((self.used > 0.0).sum())
+
+
+@dataclass
+class Follower:
+    """The simulator beside one recording.
+
+    Attributes:
+        measured: the recording.
+        integrator: how the segments are run.
+        input_sigma: (inputs,) standard deviation of the unknown forces, constant over a segment.
+        path: present nodes and inputs.
+        scale: factor on the recording's noise and on the process noise, above 1 while far from a solution.
+    """
+
+    measured: Measured
+    integrator: Integrator
+    input_sigma: np.ndarray
+    path: Path = field(init=False)
+    signals: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        segments = len(self.measured.values)
+        self.path = Path.empty(segments)
+        self.narrow = self.measured.weights[(REACH - 1) * SAMPLES : (REACH + 2) * SAMPLES].copy()
+        self.periods = self.measured.weights.shape[1]
+        # the motion as last computed: what lies outside a stretch still enters its filtered samples
+        self.signals = np.full((segments, self.periods, SIGNALS), np.nan)
+
+    @property
+    def segments(self) -> int:
+        """Number of segments."""
+        return len(self.measured.values)
+
+    def look(
+        self,
+        machine: SliderCrank,
+        columns: Sequence[SliderCrank] = (),
+        first: int = 0,
+        last: int | None = None,
+        scale: float = 1.0,
+        looseness: float = 1.0,
+        doubt: float = 1.0,
+        damping: float = 0.0,
+        correction: np.ndarray | None = None,
+    ) -> Pass:
+        """Linearise segments ``first`` to ``last`` about the present path and solve.
+
+        Args:
+            machine: the model.
+            columns: the model with one parameter changed each.
+            first: first segment.
+            last: one beyond the last segment; all if ``None``.
+            scale: factor on the noise, above 1 while far from a solution.
+            looseness: factor on the process noise.
+            doubt: factor on how far the first node may be wrong.
+            damping: Levenberg-Marquardt weight.
+            correction: (segments, samples, channels) added to the prediction: what the instruments do.
+        """
+        last = self.segments if last is None else last
+        chart = Chart.of(machine)
+        nz, nw, parameters = len(chart.rows), len(INPUTS), len(columns)
+        nv, n = nz + nw, last - first
+        channels = len(self.measured.signals)
+        flow = np.zeros((n, nz, nv + parameters))
+        jacobian = np.zeros((n, 3, SAMPLES, channels, nv))
+        shared = np.zeros((n, 3, SAMPLES, channels, parameters))
+        ends, contacts, points = self._differentiate(
+            machine, columns, chart, first, last, flow, jacobian, shared
+        )
+        noise = chart.noise * looseness * scale
+        flow /= noise[:, None]
+        bases = chart.bases(self.path.nodes[first:last])
+        flow[:, :, :nz] = flow[:, :, :nz] @ bases
+        jacobian[..., :nz] = jacobian[..., :nz] @ bases[:, None, None]
+        own = (chart.units / noise)[None, :, None] * bases
+        weight = 1.0 / (self.measured.sigma * scale)
+        jacobian *= weight[:, None]
+        shared *= weight[:, None]
+
+        predicted = self._predict(first, last, points)
+        if correction is not None:
+            predicted += correction
+        residual = (self.measured.values[first:last] - predicted) * weight
+        used = np.ones_like(residual)
+        used[:EDGE] = 0.0
+        used[-EDGE:] = 0.0
+        size = np.abs(residual)
+        used *= np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(size, OUTLIER)))
+        defect = np.zeros((n, nz))
+        defect[:-1] = (ends[:-1] - self.path.nodes[first + 1 : last])[:, chart.rows] / noise
+        miss = np.abs(defect)
+        kink = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(miss, OUTLIER)))
+        cost = _huber(size)[used > 0.0].sum() + _huber(miss).sum()
+        sigma = self.input_sigma
+        inputs = self.path.inputs[first:last] / sigma
+        cost += (inputs**2).sum()
+
+        jacobian[:, 1] *= used[..., None]
+        jacobian[:-1, 2] *= used[1:, ..., None]
+        jacobian[1:, 0] *= used[:-1, ..., None]
+        rows = SAMPLES * channels
+        jacobian = jacobian.reshape(n, 3, rows, nv)
+        direct = shared[:, 1]
+        direct[1:] += shared[:-1, 2]
+        direct[:-1] += shared[1:, 0]
+        direct *= used[..., None]
+        # a robust row of continuity: both sides weigh less
+        flow *= kink[:, :, None]
+        own[1:] *= kink[:-1, :, None]
+        held = np.zeros((n, nv))
+        if damping > 0.0:
+            held = np.sqrt(damping * (jacobian**2).sum(axis=(1, 2)))
+        kept = np.zeros((n, nv, 3 * nv + parameters + 1))
+        gram = np.zeros((parameters + 1, parameters + 1))
+        innovation, spread = np.zeros((n, rows)), np.ones((n, rows))
+        eliminate(
+            flow, defect * kink, inputs, own, chart.doubt(self.path.nodes[first]) * doubt, held, jacobian,
+            np.ascontiguousarray(direct.reshape(n, rows, parameters)), (residual * used).reshape(n, rows),
+            kept, gram, innovation, spread,
+        )  # fmt: skip
+        diagonal = np.abs(kept[:, np.arange(nv), np.arange(nv)])
+        shape = residual.shape
+        return Pass(
+            float(cost), residual * scale, used, innovation.reshape(shape), spread.reshape(shape), defect,
+            gram, float(2.0 * np.log(diagonal).sum()), contacts, predicted, self.signals[first:last], chart,
+            kept,
+        )  # fmt: skip
+
+    def move(self, change: np.ndarray, chart: Chart, first: int = 0) -> None:
+        """Apply a change (segments, nz + inputs) of the unknowns."""
+        nz = len(chart.rows)
+        part = slice(first, first + len(change))
+        self.path.nodes[part] = chart.moved(self.path.nodes[part], change[:, :nz])
+        self.path.inputs[part] += change[:, nz:] * self.input_sigma
+
+    def extend(self, machine: SliderCrank, start: int, count: int) -> None:
+        """Predict ``count`` nodes after ``start`` by running the machine on."""
+        chart = Chart.of(machine)
+        for k in range(start, start + count):
+            ends, *_ = self._shoot(machine, [machine] * 0, [], k, k + 1)
+            time = self.path.nodes[k + 1, 23]
+            self.path.nodes[k + 1] = ends[0, 0]
+            self.path.nodes[k + 1, 23] = time
+            self.path.inputs[k + 1] = self.path.inputs[k]
+        del chart
+
+    def _differentiate(
+        self,
+        machine: SliderCrank,
+        columns: Sequence[SliderCrank],
+        chart: Chart,
+        first: int,
+        last: int,
+        flow: np.ndarray,
+        jacobian: np.ndarray,
+        shared: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Fill the derivatives, ``WIDTH`` - 1 of them a run; flow in SI units."""
+        nz, filtered = len(chart.rows), self.measured.filtered
+        nv = nz + len(INPUTS)
+        tasks = list(range(nv + len(columns)))
+        nominal = None
+        for begin in range(0, max(len(tasks), 1), WIDTH - 1):
+            group = tasks[begin : begin + WIDTH - 1]
+            ends, contacts, blocks, samples = self._shoot(machine, columns, group, first, last, chart)
+            if nominal is None:
+                nominal = ends[:, 0].copy(), contacts, samples[..., 0].copy()
+            n = len(ends)
+            for lane, task in enumerate(group, 1):
+                difference = (blocks[..., lane] - blocks[..., 0]).reshape(n, 3, SAMPLES, filtered)
+                target, column = (jacobian, task) if task < nv else (shared, task - nv)
+                target[:, :, :, :filtered, column] = difference
+                target[:, 1, :, filtered:, column] = samples[..., lane] - samples[..., 0]
+                flow[:, :, task] = (ends[:, lane] - ends[:, 0])[:, chart.rows]
+        assert nominal is not None
+        return nominal
+
+    def _shoot(
+        self,
+        machine: SliderCrank,
+        columns: Sequence[SliderCrank],
+        tasks: Sequence[int],
+        first: int,
+        last: int,
+        chart: Chart | None = None,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        codes, p = machine.codes(), aligned(len(machine.parameters()))
+        codes[Family.FORCE] = 1
+        p[:] = machine.parameters()[:, None]
+        varied, change = np.full(WIDTH, -1), np.zeros(WIDTH)
+        rows = np.array(INPUTS, dtype=np.int64)
+        for lane, task in enumerate(tasks, 1):
+            assert chart is not None
+            nz = len(chart.rows)
+            if task < nz:
+                varied[lane], change[lane] = chart.rows[task], chart.units[task]
+            elif task < nz + len(INPUTS):
+                p[rows[task - nz], lane] += self.input_sigma[task - nz]
+            else:
+                p[:, lane] = columns[task - nz - len(INPUTS)].parameters()
+        measured, n = self.measured, last - first
+        filtered = np.array(measured.signals[: measured.filtered], dtype=np.int64)
+        points = np.array(measured.signals[measured.filtered :], dtype=np.int64)
+        ends = np.zeros((n, WIDTH, STATES))
+        contacts = np.zeros((n, SAMPLES, 4))
+        blocks = np.zeros((n, 3 * SAMPLES, len(filtered), WIDTH))
+        samples = np.zeros((n, SAMPLES, len(points), WIDTH))
+        period = 1.0 / measured.chain.base_rate
+        substeps = self.integrator.substeps(period)
+        shoot(
+            codes, p, self.path.nodes[first:last], varied, change, rows, self.path.inputs[first:last],
+            self.integrator.code, period / substeps, substeps, self.integrator.contact_refinement,
+            self.periods, filtered, points, self.narrow, aligned(WORK_ROWS), ends,
+            self.signals[first:last], contacts, blocks, samples,
+        )  # fmt: skip
+        return ends, contacts, blocks, samples
+
+    def _predict(self, first: int, last: int, points: np.ndarray) -> np.ndarray:
+        """Filtered prediction from the motion of the stretch and of what is known beside it."""
+        filtered = list(self.measured.signals[: self.measured.filtered])
+        low, high = max(first - REACH, 0), min(last + REACH, self.segments)
+        motion = self.signals[low:high][:, :, filtered]
+        known = np.isfinite(motion[:, 0, 0]) if len(filtered) else np.ones(high - low, dtype=bool)
+        motion[~known] = 0.0
+        n = high - low
+        parts = (self.measured.weights @ motion).reshape(n, 2 * REACH + 1, SAMPLES, len(filtered))
+        total = np.zeros((n + 2 * REACH, SAMPLES, len(filtered)))
+        for shift in range(2 * REACH + 1):
+            total[shift : shift + n] += parts[:, shift]
+        inside = total[REACH + first - low : REACH + last - low]
+        return np.concatenate([inside, points], axis=2)
+
+
+def _huber(size: np.ndarray) -> np.ndarray:
+    return np.where(size <= OUTLIER, size**2, 2.0 * OUTLIER * size - OUTLIER**2)

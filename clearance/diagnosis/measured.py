@@ -1,0 +1,111 @@
+"""A recording as the estimator sees it: cut into segments, with its filter and its noise."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clearance.errors import InputError
+from clearance.recording.chain import MeasurementChain
+from clearance.recording.channels import CHANNELS
+from clearance.recording.recording import Recording
+from clearance.simulation.layout import Signal
+
+REACH = 4  # segments to each side whose motion enters a filtered sample
+SAMPLES = 10  # a segment
+ENCODER_COUNTS = 4096  # a turn, unless declared
+_SIGNAL_OF = {signal.name.lower(): int(signal) for signal in Signal}
+
+
+def filter_weights(chain: MeasurementChain, samples: int, reach: int) -> np.ndarray:
+    """((2 reach + 1) samples, base samples) of one segment's motion in the filtered samples around it."""
+    factor = chain.decimation
+    length = (reach + 2) * samples
+    impulses = np.zeros((2 * length * factor, factor))
+    impulses[length * factor + np.arange(factor), np.arange(factor)] = 1.0
+    response = chain.apply(impulses)
+    weights = np.zeros(((2 * reach + 1) * samples, samples * factor))
+    for row in range(len(weights)):
+        for sample in range(samples):
+            weights[row, sample * factor : (sample + 1) * factor] = response[
+                length + row - reach * samples - sample
+            ]
+    return weights
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A recording in segments.
+
+    Attributes:
+        name: of the recording.
+        values: (segments, samples, channels).
+        channels: their names, accelerations first.
+        signals: (channels,) rows of ``Signal``.
+        sigma: (channels,) standard deviation of the noise.
+        chain: the filter it went through.
+        weights: see ``filter_weights``.
+    """
+
+    name: str
+    values: np.ndarray
+    channels: tuple[str, ...]
+    signals: tuple[int, ...]
+    sigma: np.ndarray
+    chain: MeasurementChain
+    weights: np.ndarray
+
+    @staticmethod
+    def of(recording: Recording, chain: MeasurementChain, name: str) -> "Measured":
+        """Cut a recording; its last incomplete segment is left out."""
+        known = [c for c in CHANNELS if c in recording.channels and c in _SIGNAL_OF]
+        if not known:
+            raise InputError(f"{name}: none of its channels is one that the mechanism has")
+        values = recording.values[:, [recording.channels.index(c) for c in known]]
+        segments = len(values) // SAMPLES
+        if segments < 2 * REACH + 8:
+            raise InputError(
+                f"{name}: {len(values)} samples are too few to follow; "
+                f"give at least {(2 * REACH + 8) * SAMPLES}"
+            )
+        signals = tuple(_SIGNAL_OF[c] for c in known)
+        sigma = np.array([noise_level(values[:, i], s) for i, s in enumerate(signals)])
+        cut = values[: segments * SAMPLES].reshape(segments, SAMPLES, len(known))
+        weights = filter_weights(chain, SAMPLES, REACH)
+        return Measured(name, cut, tuple(known), signals, sigma, chain, weights)
+
+    @property
+    def segment(self) -> float:
+        """Duration of a segment [s]."""
+        return SAMPLES / self.chain.rate
+
+    @property
+    def filtered(self) -> int:
+        """Number of channels that passed the filter: the first ones."""
+        return sum(s < Signal.CRANK_ANGLE for s in self.signals)
+
+    @property
+    def silent(self) -> np.ndarray:
+        """(channels,) whether a channel shows nothing but zeros."""
+        return np.ptp(self.values, axis=(0, 1)) == 0.0
+
+
+def noise_level(values: np.ndarray, signal: int) -> float:
+    """Noise of a channel [its unit], from where a signal that went through the filter has nothing to say.
+
+    The filter leaves 0.05 of the amplitude at 0.95 of the Nyquist frequency; noise added after it does not
+    fall. The quietest quarter of the recording is taken, since impacts reach even there. A sampled channel is
+    judged by its third differences, an encoder has at least the noise of its counts.
+    """
+    if signal < Signal.CRANK_ANGLE:
+        size = 64
+        blocks = len(values) // size
+        window = np.hanning(size)
+        frames = values[: blocks * size].reshape(blocks, size) * window
+        power = np.abs(np.fft.rfft(frames, axis=1)[:, -3:-1]) ** 2 / (window**2).sum()
+        # Lower quartile of the mean of two neighbouring bins, 0.42 of the expectation with this window.
+        estimate = np.sqrt(np.quantile(power.mean(axis=1), 0.25) / 0.42)
+    else:
+        estimate = np.median(np.abs(np.diff(values, 3))) / 0.6745 / np.sqrt(20.0)
+    if signal == Signal.CRANK_ANGLE:
+        estimate = max(estimate, 2.0 * np.pi / ENCODER_COUNTS / np.sqrt(12.0))
+    return float(max(estimate, 1e-6 * max(values.std(), 1e-6)))
