@@ -1,0 +1,1 @@
+"""The proof of the diagnosis: machines whose truth is known to the one who scores, and to nobody else."""

@@ -1,0 +1,20 @@
+"""Writing a recording as a logger would: a plain Parquet table that says nothing of its origin."""
+
+import os
+from collections.abc import Mapping
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+
+def write_parquet(table: Mapping[str, np.ndarray], path: str | os.PathLike[str]) -> None:
+    """Write ``time`` and the channels as columns of float64, ``time`` first, without metadata.
+
+    Args:
+        table: what ``Plant.recording`` returns.
+        path: of the file.
+    """
+    names = ["time", *(name for name in table if name != "time")]
+    columns = {name: np.asarray(table[name], dtype=np.float64) for name in names}
+    pq.write_table(pa.table(columns).replace_schema_metadata(None), path)
