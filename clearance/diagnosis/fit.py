@@ -163,6 +163,8 @@ def fit(
     tolerance: float = 1e-3,
     workers: int = 2,
     report: Callable[[int, float, np.ndarray], None] | None = None,
+    mending: bool = True,
+    goal: float = 0.0,
     **options: object,
 ) -> Fit:
     """Gauss-Newton with step halving from present paths and values.
@@ -174,6 +176,8 @@ def fit(
         iterations: at most.
         tolerance: stop when the cost falls by less than this share.
         workers: threads.
+        mending: whether stretches that a step harmed are fitted on their own.
+        goal: cost a sample that is good enough.
         report: called with the iteration, cost and values.
         options: for ``Follower.look``.
     """
@@ -183,7 +187,10 @@ def fit(
     passes = observe(followers, model, values, workers, **options)
     cost = sum(p.cost for p in passes)
     first = int(options.get("first", 0))  # type: ignore[call-overload]
+    samples = sum(p.samples for p in passes)
     for iteration in range(iterations):
+        if cost < goal * samples:
+            break
         information, score = assemble(passes, model, values)
         lows, highs = _flatten(low - values, model), _flatten(high - values, model)
         change = solve_bounded(information, score, lows, highs)
@@ -196,6 +203,8 @@ def fit(
                 inner = one.change((moved - values)[r] / share / steps)
                 follower.move(share * inner, one.chart, first)
             trial = observe(followers, model, moved, workers, **options)
+            if mending and _mend(followers, model, moved, passes, trial, first):
+                trial = observe(followers, model, moved, workers, **options)
             new = sum(p.cost for p in trial)
             if np.isfinite(new) and new < cost * (1.0 + 1e-9):
                 accepted = True
@@ -212,6 +221,53 @@ def fit(
             break
     information, _ = assemble(passes, model, values)
     return Fit(model, values, information, cost, passes)
+
+
+def _mend(
+    followers: Sequence[Follower],
+    model: Model,
+    values: np.ndarray,
+    old: Sequence[Pass],
+    new: Sequence[Pass],
+    first: int,
+) -> bool:
+    """Fit anew where a step did harm: an impact that it tore apart must not hold up all other segments."""
+    found = False
+    for r, (follower, before, after) in enumerate(zip(followers, old, new, strict=True)):
+        rows = before.residual[0].size
+        harmed = ~(after.local < before.local + 0.5 * rows) & ~(after.local < 3.0 * rows)
+        if not harmed.any() or harmed.mean() > 0.5:
+            continue
+        found = True
+        machine = model.machine(values[r])
+        for begin, end in _islands(harmed, _NEAR):
+            mend(follower, machine, first + begin, first + end)
+    return found
+
+
+def mend(follower: Follower, machine: SliderCrank, first: int, last: int) -> float:
+    """Fit the nodes of a short stretch between what is known on both sides; return the cost a sample."""
+    fixed, nothing = Model((), lambda _: machine), np.zeros((1, 0))
+    first, last = max(first, 0), min(last, follower.segments)
+    inside = last < follower.segments
+    for scale in (10.0, 3.0, 1.0):
+        found = fit(
+            [follower], fixed, nothing, 4, 5e-2, 1, mending=False, goal=GOAL if scale == 1.0 else 0.0, first=first, last=last, scale=scale,
+            doubt=_KNOWN, inside=inside,
+        )  # fmt: skip
+    return found.cost / max(found.passes[0].samples, 1)
+
+
+def _islands(mask: np.ndarray, margin: int) -> list[tuple[int, int]]:
+    """Ranges around what is set, joined where they touch."""
+    wide = np.convolve(mask, np.ones(2 * margin + 1), "same") > 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], wide, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+GOAL = 1.2  # cost a sample of a stretch that is followed
+_NEAR = 5  # segments around a harmed one that are fitted with it
+_KNOWN = 1e-3  # factor on the doubt of a node that stays where it is
 
 
 def _flatten(rows: np.ndarray, model: Model) -> np.ndarray:

@@ -25,6 +25,8 @@ from clearance.simulation.shooting import WORK_ROWS, shoot
 OUTLIER = 4.0  # standard deviations beyond which a row loses weight (Huber)
 EDGE = 2  # segments at a stretch's ends whose samples feel too much of what lies outside
 
+_FAST = 1e4  # weight that holds a node where it is
+
 INPUTS: tuple[Parameter, ...] = (
     Parameter.FORCE_CRANK_TORQUE,
     Parameter.FORCE_ROD_MOMENT,
@@ -73,6 +75,7 @@ class Pass:
 
     Attributes:
         cost: robust sum of squares, to be compared between passes over the same stretch.
+        local: (segments,) its parts.
         residual: (segments, samples, channels) measured minus predicted, in standard deviations of noise.
         used: (segments, samples, channels) weight of each residual, 0 at the edges.
         innovation: (segments, samples, channels) residual against the prediction from earlier segments.
@@ -89,6 +92,7 @@ class Pass:
     """
 
     cost: float
+    local: np.ndarray
     residual: np.ndarray
     used: np.ndarray
     innovation: np.ndarray
@@ -155,6 +159,7 @@ class Follower:
         looseness: float = 1.0,
         doubt: float = 1.0,
         damping: float = 0.0,
+        inside: bool = False,
         correction: np.ndarray | None = None,
     ) -> Pass:
         """Linearise segments ``first`` to ``last`` about the present path and solve.
@@ -168,6 +173,7 @@ class Follower:
             looseness: factor on the process noise.
             doubt: factor on how far the first node may be wrong.
             damping: Levenberg-Marquardt weight.
+            inside: whether the path is known on both sides: the last node then stays where it is.
             correction: (segments, samples, channels) added to the prediction: what the instruments do.
         """
         last = self.segments if last is None else last
@@ -196,18 +202,20 @@ class Follower:
             predicted += correction
         residual = (self.measured.values[first:last] - predicted) * weight
         used = np.ones_like(residual)
-        used[:EDGE] = 0.0
-        used[-EDGE:] = 0.0
+        edge = 1 if inside else EDGE
+        used[:edge] = 0.0
+        used[-edge:] = 0.0
         size = np.abs(residual)
         used *= np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(size, OUTLIER)))
         defect = np.zeros((n, nz))
         defect[:-1] = (ends[:-1] - self.path.nodes[first + 1 : last])[:, chart.rows] / noise
         miss = np.abs(defect)
         kink = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(miss, OUTLIER)))
-        cost = _huber(size)[used > 0.0].sum() + _huber(miss).sum()
         sigma = self.input_sigma
         inputs = self.path.inputs[first:last] / sigma
-        cost += (inputs**2).sum()
+        local = (_huber(size) * (used > 0.0)).sum(axis=(1, 2)) + _huber(miss).sum(axis=1)
+        local += (inputs**2).sum(axis=1)
+        local[~np.isfinite(local)] = np.inf
 
         jacobian[:, 1] *= used[..., None]
         jacobian[:-1, 2] *= used[1:, ..., None]
@@ -224,6 +232,8 @@ class Follower:
         held = np.zeros((n, nv))
         if damping > 0.0:
             held = np.sqrt(damping * (jacobian**2).sum(axis=(1, 2)))
+        if inside:
+            held[-1] = _FAST
         kept = np.zeros((n, nv, 3 * nv + parameters + 1))
         gram = np.zeros((parameters + 1, parameters + 1))
         innovation, spread = np.zeros((n, rows)), np.ones((n, rows))
@@ -235,7 +245,7 @@ class Follower:
         diagonal = np.abs(kept[:, np.arange(nv), np.arange(nv)])
         shape = residual.shape
         return Pass(
-            float(cost), residual * scale, used, innovation.reshape(shape), spread.reshape(shape), defect,
+            float(local.sum()), local, residual * scale, used, innovation.reshape(shape), spread.reshape(shape), defect,
             gram, float(2.0 * np.log(diagonal).sum()), contacts, predicted, self.signals[first:last], chart,
             kept,
         )  # fmt: skip

@@ -1,0 +1,377 @@
+"""Three diagnoses as the page may get them, with evidence of realistic shape: made in code, of no machine."""
+
+import numpy as np
+
+CHANNELS = (
+    "crank_b_transverse",
+    "crank_b_axial",
+    "rod_b_transverse",
+    "rod_b_axial",
+    "rod_c_transverse",
+    "rod_c_axial",
+    "slider_vertical",
+    "slider_horizontal",
+)
+CRANK, ROD = 0.05, 0.12
+WEIGHTS = {"slider_horizontal": 1.0, "rod_c_transverse": 0.45, "rod_c_axial": 0.3, "rod_b_axial": 0.16}
+
+
+def physics():
+    """Friction in the guide and a slightly wrong rod: everything that the page can show."""
+    rng = np.random.default_rng(1)
+    diagnosis = {
+        "verdict": "physics",
+        "summary": [
+            "The slider feels 5.1 N (4.8–5.4) of Coulomb friction that the model lacks.",
+            "It shows in slider_horizontal and rod_c_transverse, mostly where the slider reverses.",
+            "With it, held-out error falls from 8.1 to 1.04 (floor 1.00) and the clearance from 0.311 to "
+            "0.300 mm.",
+        ],
+        "warnings": ["run_3.parquet: crank_a_axial is zero throughout; it was left out."],
+        "recordings": [
+            {
+                "name": f"run_{index}.parquet",
+                "seconds": 2.0,
+                "rate_hz": 10000.0,
+                "channels": list(CHANNELS),
+                "speed_rpm": 612.4 + 97.3 * index,
+                "held_out_seconds": 2.0 if index == 3 else 0.0,
+            }
+            for index in range(4)
+        ],
+        "mismatch": {
+            "detected": True,
+            "p_value": 0.0005,
+            "body": "slider",
+            "direction": "x",
+            "regime": "sliding",
+            "channels": {"slider_horizontal": 0.61, "rod_c_transverse": 0.2, "rod_c_axial": 0.12},
+            "crank_angle_deg": [[165, 205], [345, 375]],
+            "frequency_hz": [[0, 300]],
+        },
+        "effects": [
+            {
+                "name": "guide_friction",
+                "kind": "physics",
+                "probability": 0.97,
+                "parameters": {
+                    "coulomb_force": {"value": 5.1, "unit": "N", "low": 4.8, "high": 5.4},
+                    "viscous_damping": {"value": 0.61, "unit": "N s/m", "low": 0.35, "high": 0.88},
+                },
+            },
+            {
+                "name": "rod_inertia",
+                "kind": "physics",
+                "probability": 0.88,
+                "parameters": {
+                    "mass_ratio": {"value": 1.053, "unit": "1", "low": 1.041, "high": 1.066, "off": 1.0}
+                },
+            },
+        ],
+        "equivalent": [["guide_friction", "rod_inertia"], ["joint_lubrication", "rod_inertia"]],
+        "next_experiment": "Record slider_vertical, or run above 900 rpm: the damping of a film grows with "
+        "speed, dry friction does not.",
+        "free_form": None,
+        "fit": {
+            "metric": "root mean square of the innovations over their expected size",
+            "held_out": {"before": 8.1, "after": 1.04, "floor": 1.0, "low": 0.98, "high": 1.1},
+        },
+        "clearance": {
+            "joint": "C",
+            "before_m": 3.11e-4,
+            "after_m": 3.001e-4,
+            "low_m": 2.99e-4,
+            "high_m": 3.01e-4,
+        },
+        "seconds": 118.0,
+    }
+    evidence = {
+        "where": _where(rng, after=True),
+        "missing_force": _missing_force(rng),
+        "ranking": _ranking(),
+        **_comparison(rng),
+        "impacts": {
+            "recorded": {"per_revolution": 6.4, "median_strength": 212.0, "unit": "m/s^2"},
+            "before": {"per_revolution": 9.1, "median_strength": 318.0, "unit": "m/s^2"},
+            "after": {"per_revolution": 6.5, "median_strength": 209.0, "unit": "m/s^2"},
+        },
+        "detectability": _detectability(),
+        "checks": _checks(rng),
+        "clearance_profile": {
+            "clearance_mm": np.linspace(0.297, 0.303, 41),
+            "log_likelihood": -14000 - 0.5 * ((np.linspace(0.297, 0.303, 41) - 0.3001) / 5e-4) ** 2,
+        },
+    }
+    return diagnosis, evidence
+
+
+def nothing_missing():
+    """The model is right: short, and with parts missing or empty."""
+    rng = np.random.default_rng(2)
+    diagnosis = {
+        "verdict": "none",
+        "summary": [
+            "Nothing is missing: the model explains both recordings to within their noise.",
+            "A friction in the guide above 0.4 N, or a rod 0.8 % heavier, would have been seen.",
+        ],
+        "warnings": [],
+        "recordings": [
+            {
+                "name": "a.parquet",
+                "seconds": 1.0,
+                "rate_hz": 10000,
+                "channels": list(CHANNELS[2:6]),
+                "speed_rpm": 702.0,
+                "held_out_seconds": 0.33,
+            },
+            {"name": "b.parquet", "seconds": 1.0, "rate_hz": 10000, "channels": list(CHANNELS[2:6])},
+        ],
+        "mismatch": {"detected": False, "p_value": 0.43, "channels": {}, "crank_angle_deg": []},
+        "effects": [],
+        "equivalent": [],
+        "next_experiment": None,
+        "fit": {"metric": None, "held_out": {"before": 1.01, "after": None, "floor": 1.0}},
+        "clearance": {
+            "joint": "C",
+            "before_m": 6.0e-4,
+            "after_m": 6.002e-4,
+            "low_m": 5.98e-4,
+            "high_m": 6.02e-4,
+        },
+        "seconds": 21.4,
+    }
+    evidence = {
+        "where": {
+            **_where(rng, after=False, strength=0.0, channels=CHANNELS[2:6]),
+            "significant": [],
+        },
+        "checks": _checks(rng, CHANNELS[2:6]),
+        "detectability": _detectability(),
+    }
+    return diagnosis, evidence
+
+
+def unknown():
+    """A force that no named effect describes: free-form curve, ranking without an assertion."""
+    rng = np.random.default_rng(3)
+    position = np.linspace(0.07, 0.17, 60)
+    force = -6.0 * np.exp(-(((position - 0.13) / 0.012) ** 2)) + 1.5 * (position - 0.12) / 0.05
+    where = rng.uniform(0.07, 0.17, 900)
+    scatter = np.interp(where, position, force) + rng.normal(0, 0.9, where.size)
+    diagnosis = {
+        "verdict": "unknown",
+        "summary": [
+            "Something pushes the slider back by up to 6 N near the middle of its stroke, and no known "
+            "effect explains it.",
+            "A free-form force over the slider's position takes the held-out error from 3.9 to 1.12.",
+        ],
+        "recordings": [
+            {
+                "name": "rig.csv",
+                "seconds": 3.0,
+                "rate_hz": 5000,
+                "channels": list(CHANNELS[2:]),
+                "speed_rpm": [548.0, 561.0],
+                "held_out_seconds": 1.0,
+            }
+        ],
+        "mismatch": {
+            "detected": True,
+            "p_value": 0.001,
+            "body": "slider",
+            "direction": "x",
+            "regime": "all",
+            "channels": {"slider_horizontal": 0.7, "rod_c_axial": 0.24},
+            "crank_angle_deg": [[62, 118], [242, 298]],
+            "frequency_hz": [[0, 180]],
+        },
+        "effects": [],
+        "equivalent": [],
+        "next_experiment": "Turn the crank slowly by hand with a force gauge on the slider: a force of "
+        "position alone stays.",
+        "free_form": {
+            "body": "slider",
+            "direction": "x",
+            "argument": "slider_position",
+            "table": [[float(x), float(y)] for x, y in zip(position[::6], force[::6], strict=True)],
+        },
+        "fit": {
+            "metric": "rms innovation / expected",
+            "held_out": {"before": 3.9, "after": 1.12, "floor": 1.0, "low": 1.05, "high": 1.2},
+        },
+        "clearance": {
+            "joint": "C",
+            "before_m": 2.2e-4,
+            "after_m": 2.004e-4,
+            "low_m": 1.93e-4,
+            "high_m": 2.08e-4,
+        },
+        "seconds": 96.0,
+    }
+    evidence = {
+        "where": _where(rng, after=True, strength=0.4, peaks=(90, 270)),
+        "missing_force": _missing_force(rng),
+        "free_form_curve": {
+            "argument": "slider_position",
+            "unit_x": "m",
+            "unit_y": "N",
+            "x": position,
+            "y": force,
+            "low": force - 0.5,
+            "high": force + 0.5,
+            "points": np.stack([where, scatter], axis=1),
+        },
+        "ranking": [dict(entry, asserted=False) for entry in _ranking()[:5]],
+        **_comparison(rng),
+    }
+    return diagnosis, evidence
+
+
+EXAMPLES = {"physics": physics, "none": nothing_missing, "unknown": unknown}
+
+
+def _where(rng, after, strength=1.0, peaks=(185, 360), channels=CHANNELS):
+    angles = np.arange(5.0, 360, 10)
+    heat = 1 + 0.05 * rng.normal(size=(len(channels), angles.size))
+    corrected = 1 + 0.06 * rng.normal(size=heat.shape)
+    for row, name in enumerate(channels):
+        for peak in peaks:
+            off = (angles - peak + 180) % 360 - 180
+            heat[row] += 11 * strength * WEIGHTS.get(name, 0.04) * np.exp(-((off / 16) ** 2))
+        heat[row] += 1.2 * strength * WEIGHTS.get(name, 0)
+    frequency = np.arange(25.0, 5000, 50)
+    falling = 1 / (1 + (frequency / 350) ** 2)
+    found = {
+        "channels": list(channels),
+        "crank_angle_deg": angles,
+        "heat": heat,
+        "significant": heat > 1.6,
+        "regimes": {
+            name: {
+                "contact": 1 + 1.8 * strength * WEIGHTS.get(name, 0.03),
+                "flight": 1 + 0.9 * strength * WEIGHTS.get(name, 0.01),
+                "sliding": 1 + 5 * strength * WEIGHTS.get(name, 0.02),
+            }
+            for name in channels
+        },
+        "frequency_hz": frequency,
+        "spectrum": {
+            name: 1
+            + 9 * strength * WEIGHTS.get(name, 0.02) * falling
+            + 0.04 * rng.normal(size=frequency.size)
+            for name in channels
+        },
+    }
+    return {**found, "heat_after": corrected} if after else found
+
+
+def _missing_force(rng):
+    time = np.arange(0, 0.4, 5e-4)
+    velocity = np.cos(2 * np.pi * 11.8 * time)
+    value = -5.1 * np.tanh(8 * velocity) - 0.6 * velocity + 0.25 * rng.normal(size=time.size)
+    return {
+        "body": "slider",
+        "direction": "x",
+        "unit": "N",
+        "time_s": time,
+        "value": value,
+        "low": value - 0.6,
+        "high": value + 0.6,
+    }
+
+
+def _ranking():
+    def parameter(value, unit, half, **more):
+        return {"value": value, "unit": unit, "low": value - half, "high": value + half, **more}
+
+    tried = [
+        ("guide_friction", "guide", 84800.0, 0.0005, 1.04, True, "beats the free-form force", {
+            "coulomb_force": parameter(5.1, "N", 0.3), "viscous_damping": parameter(0.61, "N s/m", 0.26)}),
+        ("rod_inertia", "link", 1210.0, 0.0005, 1.31, True, "with guide_friction", {
+            "mass_ratio": parameter(1.053, "1", 0.012, off=1.0)}),
+        ("joint_lubrication", "joint", 1190.0, 0.002, 1.33, False, "cannot be told from rod_inertia", {
+            "damping": parameter(41.0, "N s/m", 12.0)}),
+        ("process_load", "load", 640.0, 0.03, 3.2, False, "worse than the free-form force", {
+            "force": parameter(3.0, "N", 2.2)}),
+        ("slider_spring", "load", 210.0, 0.11, 6.9, False, "", {"stiffness": parameter(28.0, "N/m", 40.0)}),
+        ("torque_ripple", "drive", 92.0, 0.21, 7.8, False, "interval contains off", {}),
+        ("sensor_gain", "instrument", 61.0, 0.24, 7.9, False, "", {
+            "slider_horizontal": parameter(1.004, "1", 0.006, off=1.0)}),
+        ("flexible_base", "frame", 33.0, 0.4, 8.0, False, "", {}),
+        ("gravity", "load", 12.0, 0.55, 8.1, False, "", {}),
+        ("joint_friction", "joint", 3.0, 0.8, 8.1, False, "", {}),
+        ("timebase", "instrument", 0.4, 0.95, 8.1, False, "", {}),
+    ]  # fmt: skip
+    keys = ("name", "kind", "log_likelihood_gain", "p_value", "held_out", "asserted", "note", "parameters")
+    return [dict(zip(keys, entry, strict=True)) for entry in tried]
+
+
+def _motion(time, speed):
+    angle = speed * time
+    rod = np.arcsin(-CRANK * np.sin(angle) / ROD)
+    slider = CRANK * np.cos(angle) + ROD * np.cos(rod)
+    return angle, np.gradient(np.gradient(slider, time), time)
+
+
+def _comparison(rng):
+    time = np.arange(0, 0.25, 1e-4)
+    angle, slider = _motion(time, 2 * np.pi * 11.8)
+    overlays, phase, spectra = [], [], []
+    degrees = np.arange(1.0, 360, 2)
+    frequency = np.geomspace(5, 5000, 260)
+    for name in CHANNELS[3::2]:
+        size = 0.4 + WEIGHTS.get(name, 0.15)
+        smooth = size * slider
+        kicks, after_kicks = np.zeros_like(time), np.zeros_like(time)
+        for start in np.arange(0.004, 0.25, 0.0137):
+            on = time > start
+            ring = np.exp(-(time - start) * 900) * np.sin(2 * np.pi * 1400 * (time - start)) * on
+            kicks += 160 * size * ring
+            shifted = np.exp(-(time - start - 8e-4) * 900) * np.sin(2 * np.pi * 1400 * (time - start - 8e-4))
+            after_kicks += 190 * size * shifted * (time > start + 8e-4)
+        friction = -36 * size * np.tanh(8 * np.sin(angle))
+        recorded = smooth + kicks + friction + 4 * rng.normal(size=time.size)
+        signals = {"recorded": recorded, "before": smooth + after_kicks, "after": smooth + friction + kicks}
+        overlays.append({"channel": name, "unit": "m/s^2", "time_s": time, **signals})
+        mean = size * np.interp(np.deg2rad(degrees), angle, slider)
+        step = 36 * size * np.tanh(8 * np.sin(np.deg2rad(degrees)))
+        signals = {
+            "recorded": mean - step + rng.normal(size=degrees.size),
+            "before": mean,
+            "after": mean - step,
+        }
+        phase.append({"channel": name, "unit": "m/s^2", "angle_deg": degrees, **signals})
+        level = size * (
+            900 / (1 + (frequency / 30) ** 2) + 8 * np.exp(-(((frequency - 1400) / 400) ** 2)) + 0.2
+        )
+        low = 1 + 1.5 / (1 + (frequency / 300) ** 2)
+        recorded = level * np.exp(0.12 * rng.normal(size=frequency.size))
+        signals = {"recorded": recorded, "before": level * low, "after": level}
+        spectra.append({"channel": name, "unit": "m/s^2/√Hz", "frequency_hz": frequency, **signals})
+    return {"overlays": overlays, "phase": phase, "spectra": spectra}
+
+
+def _detectability():
+    columns = [
+        {"clearance_mm": c, "speed_rpm": n, "sensors": sensors}
+        for sensors in ("all", "rod")
+        for c, n in ((0.1, 600), (0.3, 600), (0.3, 900), (0.8, 900))
+    ]
+    rows = [
+        ("guide_friction", "coulomb_force", "N", [0.2, 0.4, 0.3, 0.9, 0.8, 1.6, 1.2, None]),
+        ("rod_inertia", "mass_ratio", "1", [0.004, 0.008, 0.007, 0.02, 0.009, 0.015, 0.012, 0.05]),
+        ("joint_lubrication", "damping", "N s/m", [3.0, 8.0, 11.0, 40.0, 9.0, 26.0, 31.0, 120.0]),
+        ("flexible_base", "mass", "kg", [0.5, 0.9, 0.8, None, None, None, None, None]),
+    ]
+    keys = ("effect", "parameter", "unit", "smallest")
+    return {"columns": columns, "rows": [dict(zip(keys, row, strict=True)) for row in rows]}
+
+
+def _checks(rng, channels=CHANNELS):
+    return {
+        "channels": list(channels),
+        "whiteness": 0.04 * rng.normal(size=len(channels)),
+        "normalised_innovation_squared": {"value": 1.012, "low": 0.971, "high": 1.03},
+        "autocorrelation": {name: np.concatenate([[1.0], 0.03 * rng.normal(size=40)]) for name in channels},
+        "halving_the_step": 0.034,
+    }
