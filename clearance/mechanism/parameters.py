@@ -79,8 +79,57 @@ class Parameter(IntEnum):
     FRAME_DAMPING = auto()  # N s/m
     FRAME_INVERSE_MASS_X = auto()  # 1/kg, of what moves along with the frame; 0 where it stands fast
     FRAME_INVERSE_MASS_Y = auto()
+    # an applied force of free form: its constant part in each direction (see applied_force.DIRECTIONS)
+    FORCE_CRANK_TORQUE = auto()  # N m
+    FORCE_ROD_X = auto()  # N, at the centre of mass
+    FORCE_ROD_Y = auto()
+    FORCE_ROD_MOMENT = auto()  # N m
+    FORCE_SLIDER_X = auto()  # N, at C
+    FORCE_SLIDER_Y = auto()
+    FORCE_SLIDER_MOMENT = auto()  # N m
+    FORCE_FRAME_X = auto()  # N
+    FORCE_FRAME_Y = auto()
+    FORCE_B_NORMAL = auto()  # N, on the journal along its eccentricity, outwards
+    FORCE_B_TANGENTIAL = auto()  # N, on the journal a quarter turn further
+    FORCE_C_NORMAL = auto()
+    FORCE_C_TANGENTIAL = auto()
+    # the weight of its tabulated part in each direction, in the same order
+    TABLE_CRANK_TORQUE = auto()
+    TABLE_ROD_X = auto()
+    TABLE_ROD_Y = auto()
+    TABLE_ROD_MOMENT = auto()
+    TABLE_SLIDER_X = auto()
+    TABLE_SLIDER_Y = auto()
+    TABLE_SLIDER_MOMENT = auto()
+    TABLE_FRAME_X = auto()
+    TABLE_FRAME_Y = auto()
+    TABLE_B_NORMAL = auto()
+    TABLE_B_TANGENTIAL = auto()
+    TABLE_C_NORMAL = auto()
+    TABLE_C_TANGENTIAL = auto()
+    TABLE_ARGUMENT = auto()  # number of an applied_force.Argument
+    TABLE_START = auto()  # argument at the first knot, in the argument's own unit
+    TABLE_INVERSE_SPACING = auto()  # 1 / (argument from knot to knot)
+    TABLE_PERIOD = auto()  # after which the table repeats; 0: never, constant beyond the ends
+    TABLE_VALUE_0 = auto()  # N or N m, the first of TABLE_KNOTS values
+    TABLE_VALUE_1 = auto()
+    TABLE_VALUE_2 = auto()
+    TABLE_VALUE_3 = auto()
+    TABLE_VALUE_4 = auto()
+    TABLE_VALUE_5 = auto()
+    TABLE_VALUE_6 = auto()
+    TABLE_VALUE_7 = auto()
+    TABLE_VALUE_8 = auto()
+    TABLE_VALUE_9 = auto()
+    TABLE_VALUE_10 = auto()
+    TABLE_VALUE_11 = auto()
+    TABLE_VALUE_12 = auto()
+    TABLE_VALUE_13 = auto()
+    TABLE_VALUE_14 = auto()
+    TABLE_VALUE_15 = auto()
 
 
+TABLE_KNOTS = 16  # values of a tabulated force
 JOINT_STRIDE = 11  # entries a joint
 PARAMETERS = max(Parameter) + 1
 
@@ -101,6 +150,7 @@ class Family(IntEnum):
     SPRING = auto()  # none, linear
     PROCESS = auto()  # idle, constant over part of the stroke
     FRAME = auto()  # fixed, flexible
+    FORCE = auto()  # none, tabulated
 
 
 FAMILIES = len(Family)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from clearance.errors import InputError
+from clearance.mechanism.applied_force import NoForce
 from clearance.mechanism.drive import Drive, Smooth, SpeedControl
 from clearance.mechanism.frame import FixedFrame, FlexibleFrame
 from clearance.mechanism.guide import FrictionlessGuide, IdealGuide
@@ -78,6 +79,7 @@ class SliderCrank:
     spring: Law = field(default_factory=NoSpring)
     process: Law = field(default_factory=Idle)
     frame: Law = field(default_factory=FixedFrame)
+    force: Law = field(default_factory=NoForce)
 
     def __post_init__(self) -> None:
         reach = self.crank.length + abs(self.guide_offset)
@@ -105,6 +107,7 @@ class SliderCrank:
             self.spring,
             self.process,
             self.frame,
+            self.force,
         )
 
     def codes(self) -> np.ndarray:

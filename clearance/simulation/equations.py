@@ -14,6 +14,7 @@ from typing import Any
 
 from clearance.compilation import kernel, subroutine
 from clearance.lanes import get, maximum, put, sine_cosine, square_root, where, zero
+from clearance.mechanism.applied_force import applied, choose_argument, look_up
 from clearance.mechanism.bearing import worn_surface
 from clearance.mechanism.choice import chosen
 from clearance.mechanism.contact import APPROACH_FLOOR, normal_force
@@ -103,6 +104,15 @@ def _joint(
 
 
 @kernel
+def _push_on_journal(p: Any, entry: int, table: Any, ex: Any, ey: Any) -> Any:
+    """Applied force on a journal (x, y) from its normal part, at ``entry``, and the tangential part after."""
+    inverse_distance = 1.0 / square_root(ex * ex + ey * ey + _TINY)
+    nx, ny = ex * inverse_distance, ey * inverse_distance
+    along, across = applied(p, entry, table), applied(p, entry + 1, table)
+    return along * nx - across * ny, along * ny + across * nx
+
+
+@kernel
 def _ground_response(
     p: Any, inverse_inertia: Any, sine: Any, cosine: Any, fx: Any, fy: Any, torque: Any
 ) -> Any:
@@ -155,6 +165,7 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
     force_bx, force_by = nothing, nothing
     force_cx, force_cy = nothing, nothing
     crank_torque, rod_moment, slider_moment = nothing, nothing, nothing
+    normal_b, normal_c = nothing, nothing
     if loose_b:
         ex = frame_x + crank_length * cosine - get(s, State.ROD_X) + to_b * rod_cosine
         ey = frame_y + crank_length * sine - get(s, State.ROD_Y) + to_b * rod_sine
@@ -167,6 +178,7 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
         put(r, Result.PENETRATION_B, penetration)
         put(r, Result.PENETRATION_RATE_B, rate)
         put(r, Result.NORMAL_FORCE_B, normal)
+        normal_b = normal
         put(r, Result.MEMORY_B, remembered)
     if loose_c:
         ex = get(s, State.ROD_X) + to_c * rod_cosine - slider_x
@@ -197,6 +209,41 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
         put(r, Result.PENETRATION_RATE_C, rate)
         put(r, Result.NORMAL_FORCE_C, normal)
         put(r, Result.MEMORY_C, remembered)
+        normal_c = normal
+
+    # a force of free form: its table, and its parts that act inside loose joints and turn bodies
+    table = nothing
+    if chosen(codes, Family.FORCE) == 1:
+        argument = choose_argument(
+            p,
+            get(s, State.CRANK_ANGLE),
+            crank_speed,
+            get(s, State.ROD_ANGLE),
+            rod_speed,
+            slider_x - frame_x,
+            slider_vx - frame_vx,
+            frame_x,
+            frame_vx,
+            normal_b,
+            normal_c,
+            get(s, State.TIME),
+        )
+        table = look_up(p, argument)
+        crank_torque = crank_torque + applied(p, Parameter.FORCE_CRANK_TORQUE, table)
+        rod_moment = rod_moment + applied(p, Parameter.FORCE_ROD_MOMENT, table)
+        slider_moment = slider_moment + applied(p, Parameter.FORCE_SLIDER_MOMENT, table)
+        if loose_b:
+            ex = frame_x + crank_length * cosine - get(s, State.ROD_X) + to_b * rod_cosine
+            ey = frame_y + crank_length * sine - get(s, State.ROD_Y) + to_b * rod_sine
+            push_x, push_y = _push_on_journal(p, Parameter.FORCE_B_NORMAL, table, ex, ey)
+            force_bx, force_by = force_bx + push_x, force_by + push_y
+            rod_moment = rod_moment + ey * push_x - ex * push_y
+        if loose_c:
+            ex = get(s, State.ROD_X) + to_c * rod_cosine - slider_x
+            ey = get(s, State.ROD_Y) + to_c * rod_sine - slider_y
+            push_x, push_y = _push_on_journal(p, Parameter.FORCE_C_NORMAL, table, ex, ey)
+            force_cx, force_cy = force_cx + push_x, force_cy + push_y
+            slider_moment = slider_moment + ey * push_x - ex * push_y
 
     # applied forces: drive, loads, guide, frame, gravity
     error = nothing
@@ -226,8 +273,14 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
             spin2 * cosine + mass * gravity_x + force_bx - stiffness * frame_x - damping * frame_vx - load
         )
         frame_fy = spin2 * sine + mass * gravity_y + force_by - stiffness * frame_y - damping * frame_vy
+        if chosen(codes, Family.FORCE) == 1:
+            frame_fx = frame_fx + applied(p, Parameter.FORCE_FRAME_X, table)
+            frame_fy = frame_fy + applied(p, Parameter.FORCE_FRAME_Y, table)
     slider_fx = load - force_cx + get(p, Parameter.SLIDER_MASS) * gravity_x
     slider_fy = -force_cy + get(p, Parameter.SLIDER_MASS) * gravity_y
+    if chosen(codes, Family.FORCE) == 1:
+        slider_fx = slider_fx + applied(p, Parameter.FORCE_SLIDER_X, table)
+        slider_fy = slider_fy + applied(p, Parameter.FORCE_SLIDER_Y, table)
     reaction = -slider_fy
     if not held:
         half = get(p, Parameter.SHOE_HALF_LENGTH)
@@ -244,6 +297,9 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
     # rod: forces of the loose joints, weight, inertial terms of its bending
     rod_mass = get(p, Parameter.ROD_MASS)
     rod_fx, rod_fy = force_cx - force_bx + rod_mass * gravity_x, force_cy - force_by + rod_mass * gravity_y
+    if chosen(codes, Family.FORCE) == 1:
+        rod_fx = rod_fx + applied(p, Parameter.FORCE_ROD_X, table)
+        rod_fy = rod_fy + applied(p, Parameter.FORCE_ROD_Y, table)
     if loose_b:
         rod_moment = rod_moment + to_b * (rod_cosine * force_by - rod_sine * force_bx)
     if loose_c:
@@ -401,6 +457,8 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
         reaction_cx, reaction_cy = force_cx + pull_cx, force_cy + pull_cy
         if held:
             reaction = get(p, Parameter.SLIDER_MASS) * (slider_ay - gravity_y) + reaction_cy
+            if chosen(codes, Family.FORCE) == 1:
+                reaction = reaction - applied(p, Parameter.FORCE_SLIDER_Y, table)
     put(r, Result.FRAME_X, frame_ax)
     put(r, Result.FRAME_Y, frame_ay)
     put(r, Result.CRANK, crank_turn)

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clearance.errors import InputError
-from clearance.mechanism import bearing, drive, film, frame, friction, guide, link, load
+from clearance.mechanism import applied_force, bearing, drive, film, frame, friction, guide, link, load
 from clearance.mechanism.contact import Flores, HuntCrossley, LankaraniNikravesh, normal_force
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.parameters import JOINT_STRIDE, Law, Parameter
 from clearance.mechanism.slider_crank import Link, SliderCrank
 
-FAMILY_FILES = (bearing, drive, film, frame, friction, guide, link, load)
+FAMILY_FILES = (applied_force, bearing, drive, film, frame, friction, guide, link, load)
 LAWS = [
     member
     for file in FAMILY_FILES

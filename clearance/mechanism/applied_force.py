@@ -1,0 +1,223 @@
+"""A force of free form: what acts where no named law is at hand.
+
+It acts in one of thirteen directions, or in several: a torque on the crank; forces and a moment on rod and
+slider; forces on the frame; and forces between journal and bearing of a joint. In each it is a constant plus
+a weight times one table of one argument. The diagnosis fits it to find where a force is missing and what that
+force depends on; a fitted table stands for physics that has no name here.
+
+A direction is conjugate to a coordinate of the state, so that its power is the force times that coordinate's
+rate, and nothing else feels it: a force on the slider is not held by the frame, a force on the rod does not
+bend it. The force inside a joint acts on the journal's centre and, opposite, on the bearing's body at the
+same point; normal is along the eccentricity e/|e|, positive where it pushes the journal outwards, tangential
+is a quarter turn further. It is zero in an ideal joint, which has no eccentricity. A force on the slider
+across an ideal guide changes the guide's reaction and therefore the friction on it.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum, auto
+from math import pi
+from typing import Any, ClassVar
+
+from clearance.compilation import kernel
+from clearance.errors import InputError
+from clearance.lanes import absolute, get, maximum, minimum, nearest_integer, where, zero
+from clearance.mechanism.parameters import TABLE_KNOTS, Family, Law, Parameter, require
+
+DIRECTIONS: tuple[tuple[str, str], ...] = (
+    ("crank", "torque"),
+    ("rod", "x"),
+    ("rod", "y"),
+    ("rod", "moment"),
+    ("slider", "x"),
+    ("slider", "y"),
+    ("slider", "moment"),
+    ("frame", "x"),
+    ("frame", "y"),
+    ("joint_b", "normal"),
+    ("joint_b", "tangential"),
+    ("joint_c", "normal"),
+    ("joint_c", "tangential"),
+)
+"""Body and direction of each entry from ``FORCE_CRANK_TORQUE`` and from ``TABLE_CRANK_TORQUE`` on."""
+
+_WEIGHT = Parameter.TABLE_CRANK_TORQUE - Parameter.FORCE_CRANK_TORQUE  # entries from a constant to its weight
+
+
+class Argument(IntEnum):
+    """What a table can depend on, as numbered in ``TABLE_ARGUMENT``."""
+
+    CRANK_ANGLE = 0  # rad; the table repeats every turn
+    CRANK_SPEED = auto()  # rad/s
+    ROD_ANGLE = auto()  # rad
+    ROD_SPEED = auto()  # rad/s
+    SLIDER_POSITION = auto()  # m, from the frame's A
+    SLIDER_VELOCITY = auto()  # m/s, against the frame
+    FRAME_X = auto()  # m
+    FRAME_X_RATE = auto()  # m/s
+    FORCE_B = auto()  # N, normal force of the contact in joint B; 0 where the joint is ideal
+    FORCE_C = auto()
+    TIME = auto()  # s
+
+
+# plain numbers: Numba compares no lanes with members of an enumeration
+_, _CRANK_SPEED, _ROD_ANGLE, _ROD_SPEED, _SLIDER_POSITION, _SLIDER_VELOCITY, *_OTHERS = map(float, Argument)
+_FRAME_X, _FRAME_X_RATE, _FORCE_B, _FORCE_C, _TIME = _OTHERS
+
+
+@kernel
+def look_up(p: Any, argument: Any) -> Any:
+    """The table's value at ``argument``: linear between the knots, repeating or constant beyond them.
+
+    Written as a sum of hat functions, since lanes cannot each read another entry.
+    """
+    period = get(p, Parameter.TABLE_PERIOD)
+    repeats = period > 0.0
+    place = argument - get(p, Parameter.TABLE_START)
+    turns = nearest_integer(place / where(repeats, period, zero(period) + 1.0) - 0.5)
+    place = where(repeats, place - turns * period, place) * get(p, Parameter.TABLE_INVERSE_SPACING)
+    last = where(repeats, zero(place) + 1.0 * TABLE_KNOTS, zero(place) + (TABLE_KNOTS - 1.0))
+    place = minimum(maximum(place, 0.0), last)
+    # where the table repeats, its first value follows its last
+    value = get(p, Parameter.TABLE_VALUE_0) * (
+        maximum(1.0 - place, 0.0) + maximum(1.0 - absolute(place - 1.0 * TABLE_KNOTS), 0.0)
+    )
+    for k in range(1, TABLE_KNOTS):
+        value = value + get(p, Parameter.TABLE_VALUE_0 + k) * maximum(1.0 - absolute(place - 1.0 * k), 0.0)
+    return value
+
+
+@kernel
+def choose_argument(
+    p: Any,
+    crank_angle: Any,
+    crank_speed: Any,
+    rod_angle: Any,
+    rod_speed: Any,
+    slider_position: Any,
+    slider_velocity: Any,
+    frame_x: Any,
+    frame_x_rate: Any,
+    force_b: Any,
+    force_c: Any,
+    time: Any,
+) -> Any:
+    """The argument that the parameter vector asks for, out of all of them."""
+    number = get(p, Parameter.TABLE_ARGUMENT)
+    argument = where(number == _CRANK_SPEED, crank_speed, crank_angle)
+    argument = where(number == _ROD_ANGLE, rod_angle, argument)
+    argument = where(number == _ROD_SPEED, rod_speed, argument)
+    argument = where(number == _SLIDER_POSITION, slider_position, argument)
+    argument = where(number == _SLIDER_VELOCITY, slider_velocity, argument)
+    argument = where(number == _FRAME_X, frame_x, argument)
+    argument = where(number == _FRAME_X_RATE, frame_x_rate, argument)
+    argument = where(number == _FORCE_B, force_b, argument)
+    argument = where(number == _FORCE_C, force_c, argument)
+    return where(number == _TIME, time, argument)
+
+
+@kernel
+def applied(p: Any, entry: int, table: Any) -> Any:
+    """Generalised force [N or N m] in the direction whose constant is at ``entry``."""
+    return get(p, entry) + get(p, entry + _WEIGHT) * table
+
+
+@dataclass(frozen=True)
+class NoForce(Law):
+    """Nothing beside the named laws: the nominal machine."""
+
+    family: ClassVar[Family] = Family.FORCE
+    code: ClassVar[int] = 0
+
+
+@dataclass(frozen=True)
+class TabulatedForce(Law):
+    """One generalised force as a table of one argument, linear between its knots.
+
+    The knots lie at ``start``, ``start + spacing``, ...; beyond them the force stays what it is at the end.
+    Over ``crank_angle`` the table repeats every turn, its spacing is 2 pi over the number of values. One
+    value is a constant force. Valid as a description of what was seen, between the ends of the table.
+    Reference: de Boor 1978, A Practical Guide to Splines, ch. III (piecewise linear interpolation).
+
+    Attributes:
+        body: crank, rod, slider, frame, joint_b or joint_c.
+        direction: torque (crank); x, y or moment (rod, slider); x or y (frame); normal or tangential
+            (joints).
+        argument: an ``Argument``, in small letters.
+        start: argument at the first knot, in SI units.
+        spacing: argument from knot to knot; ``None`` for crank_angle.
+        values: force at up to 16 knots [N or N m].
+    """
+
+    body: str = "slider"
+    direction: str = "x"
+    argument: str = "crank_angle"
+    start: float = 0.0
+    spacing: float | None = None
+    values: tuple[float, ...] = (0.0,)
+
+    family: ClassVar[Family] = Family.FORCE
+    code: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        bodies = dict.fromkeys(body for body, _ in DIRECTIONS)
+        _require_name("body", self.body, bodies)
+        _require_name("direction", self.direction, [d for body, d in DIRECTIONS if body == self.body])
+        _require_name("argument", self.argument, [one.name.lower() for one in Argument])
+        require(self, -1e9, 1e9, start=self.start)
+        if isinstance(self.values, str) or not isinstance(self.values, Sequence):
+            raise InputError(
+                f"TabulatedForce.values = {self.values!r} is not a list of 1 to {TABLE_KNOTS} numbers; "
+                "change the key that ends in 'values'"
+            )
+        if not 1 <= len(self.values) <= TABLE_KNOTS:
+            raise InputError(
+                f"TabulatedForce.values has {len(self.values)} numbers, not 1 to {TABLE_KNOTS}; change the "
+                "key that ends in 'values'"
+            )
+        for value in self.values:
+            require(self, -1e6, 1e6, values=value)
+        object.__setattr__(self, "values", tuple(float(value) for value in self.values))
+        if self.spacing is not None:
+            require(self, 0.0, 1e9, strict=True, spacing=self.spacing)
+        if self.repeats and self.spacing is not None:
+            raise InputError(
+                f"TabulatedForce.spacing = {self.spacing:g} has no meaning over crank_angle, whose table "
+                "covers one turn; change the key that ends in 'spacing' to null"
+            )
+        if not self.repeats and self.spacing is None and len(self.values) > 1:
+            raise InputError(
+                f"TabulatedForce.spacing = None is not a number above 0, which a table over {self.argument} "
+                "needs; change the key that ends in 'spacing'"
+            )
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the table repeats every turn of the crank."""
+        return self.argument == Argument.CRANK_ANGLE.name.lower()
+
+    def numbers(self) -> dict[Parameter, float]:
+        """Entries of the parameter vector."""
+        index = DIRECTIONS.index((self.body, self.direction))
+        period = 2.0 * pi if self.repeats else 0.0
+        spacing = period / len(self.values) if self.repeats else self.spacing or 1.0
+        # a short table ends as it ends, or begins again where it repeats
+        follow = self.values[0] if self.repeats else self.values[-1]
+        values = [*self.values, *[follow] * (TABLE_KNOTS - len(self.values))]
+        return {
+            Parameter(Parameter.TABLE_CRANK_TORQUE + index): 1.0,
+            Parameter.TABLE_ARGUMENT: float(Argument[self.argument.upper()]),
+            Parameter.TABLE_START: self.start,
+            Parameter.TABLE_INVERSE_SPACING: 1.0 / spacing,
+            Parameter.TABLE_PERIOD: period,
+            **{Parameter(Parameter.TABLE_VALUE_0 + k): value for k, value in enumerate(values)},
+        }
+
+
+def _require_name(key: str, value: object, allowed: Iterable[str]) -> None:
+    names = list(allowed)
+    if value not in names:
+        raise InputError(
+            f"TabulatedForce.{key} = {value!r} is not one of {', '.join(names)}; change the key that ends in "
+            f"{key!r}"
+        )

@@ -1,0 +1,120 @@
+"""The table of a force of free form, and what it refuses."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from clearance.compilation import entry
+from clearance.errors import InputError
+from clearance.lanes import WIDTH, get, put
+from clearance.mechanism.applied_force import (
+    DIRECTIONS,
+    Argument,
+    TabulatedForce,
+    choose_argument,
+    look_up,
+)
+from clearance.mechanism.parameters import TABLE_KNOTS, Parameter
+from clearance.mechanism.slider_crank import SliderCrank
+
+
+def parameters(**settings):
+    return SliderCrank(force=TabulatedForce(**settings)).parameters()
+
+
+@entry
+def look_up_row(p, x, out):
+    put(out, 0, look_up(p, get(x, 0)))
+
+
+@entry
+def chosen_argument(p, x):
+    return choose_argument(p, x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
+
+
+@given(
+    values=st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=TABLE_KNOTS),
+    start=st.floats(-5.0, 5.0),
+    spacing=st.floats(0.01, 3.0),
+    argument=st.floats(-60.0, 60.0),
+)
+@settings(deadline=None, max_examples=200)
+def test_a_table_is_linear_between_its_knots_and_constant_beyond_them(values, start, spacing, argument):
+    p = parameters(argument="slider_velocity", start=start, spacing=spacing, values=values)
+    knots = start + spacing * np.arange(len(values))
+    # rounding of the place between two knots, times the largest step of the table
+    assert look_up(p, argument) == pytest.approx(np.interp(argument, knots, values), abs=1e-9)
+
+
+@given(
+    values=st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=TABLE_KNOTS),
+    start=st.floats(-5.0, 5.0),
+    angle=st.floats(-300.0, 300.0),
+)
+@settings(deadline=None, max_examples=200)
+def test_a_table_over_the_crank_angle_repeats_every_turn(values, start, angle):
+    p = parameters(argument="crank_angle", start=start, values=values)
+    knots = start + 2.0 * np.pi / len(values) * np.arange(len(values))
+    expected = np.interp(angle, knots, values, period=2.0 * np.pi)
+    assert look_up(p, angle) == pytest.approx(expected, abs=1e-9)
+    assert look_up(p, angle + 20.0 * np.pi) == pytest.approx(look_up(p, angle), abs=1e-9)
+
+
+def test_lanes_with_tables_of_their_own_look_up_what_a_single_run_does():
+    generator = np.random.default_rng(3)
+    columns, arguments = [], np.zeros((1, WIDTH))
+    for lane in range(WIDTH):
+        over_angle = lane % 2 == 0
+        columns.append(
+            parameters(
+                argument="crank_angle" if over_angle else "slider_velocity",
+                spacing=None if over_angle else 0.3,
+                start=generator.normal(),
+                values=list(generator.normal(size=1 + lane)),
+            )
+        )
+        arguments[0, lane] = 10.0 * generator.normal()
+    p, out = np.ascontiguousarray(np.array(columns).T), np.zeros((1, WIDTH))
+    look_up_row(p, arguments, out)
+    one = [look_up(p[:, lane].copy(), arguments[0, lane]) for lane in range(WIDTH)]
+    np.testing.assert_allclose(out[0], one, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("argument", Argument)
+def test_each_argument_has_its_number(argument):
+    name = argument.name.lower()
+    p = parameters(argument=name, spacing=None if name == "crank_angle" else 1.0)
+    assert chosen_argument(p, np.arange(100.0, 111.0)) == 100.0 + argument
+
+
+def test_each_direction_has_a_constant_and_a_weight_in_the_same_order():
+    names = [f"{body.removeprefix('joint_')}_{direction}".upper() for body, direction in DIRECTIONS]
+    for index, name in enumerate(names):
+        assert Parameter[f"FORCE_{name}"] == Parameter.FORCE_CRANK_TORQUE + index
+        assert Parameter[f"TABLE_{name}"] == Parameter.TABLE_CRANK_TORQUE + index
+    assert Parameter.FORCE_CRANK_TORQUE + len(DIRECTIONS) == Parameter.TABLE_CRANK_TORQUE
+    assert Parameter[f"TABLE_VALUE_{TABLE_KNOTS - 1}"] == Parameter.TABLE_VALUE_0 + TABLE_KNOTS - 1
+    for index, (body, direction) in enumerate(DIRECTIONS):
+        p = parameters(body=body, direction=direction, values=[3.0])
+        weights = p[Parameter.TABLE_CRANK_TORQUE : Parameter.TABLE_ARGUMENT]
+        np.testing.assert_array_equal(weights, np.eye(len(DIRECTIONS))[index])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"body": "piston"}, r"body = 'piston' is not one of crank, rod, slider, frame, joint_b, joint_c"),
+        ({"body": "crank", "direction": "x"}, r"direction = 'x' is not one of torque"),
+        ({"argument": "phase"}, r"argument = 'phase' is not one of crank_angle, .*time"),
+        ({"values": []}, r"values has 0 numbers, not 1 to 16"),
+        ({"values": [1.0] * 17}, r"values has 17 numbers"),
+        ({"values": [1.0, float("nan")]}, r"values = nan"),
+        ({"spacing": 0.1}, r"spacing = 0\.1 .*crank_angle.*null"),
+        ({"argument": "time", "values": [1.0, 2.0]}, r"spacing = None.*time"),
+        ({"argument": "time", "spacing": -1.0, "values": [1.0, 2.0]}, r"spacing = -1 is outside \(0"),
+    ],
+)
+def test_a_table_that_means_nothing_is_refused(wrong, message):
+    with pytest.raises(InputError, match=message):
+        TabulatedForce(**wrong)
