@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
 from functools import wraps
-from pathlib import Path
 from typing import Any, NoReturn
 
 import hydra
@@ -18,11 +17,8 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from clearance.configuration import CONFIGURATION, with_mechanism_file
 from clearance.errors import InputError
-
-_HERE = Path(__file__).parent
-CONFIGURATION = _HERE / "conf" if (_HERE / "conf").is_dir() else _HERE.parent / "conf"
-"""The configuration folder: inside the package in a wheel, beside it in a checkout."""
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _UNKNOWN_KEY = re.compile(r"the key that ends in '(\w+)'")
@@ -51,10 +47,10 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
         @wraps(task)
         def main() -> Any:
             os.environ["HYDRA_FULL_ERROR"] = "1"  # let errors through, instead of Hydra's own report of them
-            sys.argv[1:] = map(_quoted, sys.argv[1:])
             before, threading.excepthook = threading.excepthook, _thread_error
             try:
                 with _reported():
+                    sys.argv[1:] = [_quoted(with_mechanism_file(argument)) for argument in sys.argv[1:]]
                     return run()
             finally:
                 threading.excepthook = before
@@ -71,7 +67,7 @@ def _reported(cfg: DictConfig | None = None) -> Iterator[None]:
     except KeyboardInterrupt:
         _interrupted()
     except Exception as error:
-        # Ctrl-C between two steps of a library can leave it unable to shut down: that error is not the user's.
+        # Ctrl-C between two steps of a library can leave it unable to shut down: no error of the user's.
         if any(isinstance(link, KeyboardInterrupt) for link in _chain(error)):
             _interrupted()
         wrong = _wrong_input(error, cfg)

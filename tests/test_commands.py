@@ -16,6 +16,10 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
 from clearance.commands import CONFIGURATION, _quoted, _reported
+from clearance.mechanism.description import write_mechanism
+from clearance.mechanism.joint import Joint
+from clearance.mechanism.load import ConstantProcess
+from clearance.mechanism.slider_crank import Link, SliderCrank
 from clearance.recording.dataset import Dataset
 from clearance.recording.files import write
 from tests.command_line import SMALL, command, environment, launch
@@ -54,6 +58,25 @@ def test_simulate_makes_a_data_set_and_has_nothing_to_do_the_second_time(home):
     assert "data holds 4 of 4 runs" in second.stdout
     assert chunks == {path: path.stat().st_mtime_ns for path in (home / "data/signals/c").rglob("*")}
     assert Dataset.open(home / "data").available().tolist() == [0, 1, 2, 3]
+
+
+def test_a_mechanism_from_a_file_is_simulated_and_trained_on(tmp_path):
+    folder = tmp_path / "found, by=diagnosis"
+    folder.mkdir()
+    heavy = SliderCrank(rod=Link(0.3, 2.5e-4, 0.12), joint_b=Joint(1e-4), process=ConstantProcess(7.0))
+    write_mechanism(folder / "corrected.yaml", heavy)
+    named = f"mechanism={folder.relative_to(tmp_path)}/corrected.yaml"
+    done = launch("simulate", *SIMULATE[:-1], "dataset=heavy", named, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (Dataset.open(tmp_path / "heavy").labels["clearance_b"] == 1e-4).all()
+    done = launch("train", *SMALL, named, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (run,) = (tmp_path / "outputs/train/smoke").iterdir()
+    assert "mechanism=corrected-" in run.name
+    assert "mass: 0.3" in (run / "config.yaml").read_text()
+    wrong = launch("train", *SMALL, "mechanism=nowhere.yaml", folder=tmp_path)
+    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+    assert "error: mechanism=nowhere.yaml: No such file" in wrong.stderr
 
 
 def test_a_training_leaves_what_it_says(trained):

@@ -13,11 +13,12 @@ from clearance.commands import CONFIGURATION
 from clearance.provenance import describe
 
 COMMANDS = sorted(path.stem for path in CONFIGURATION.glob("*.yaml") if path.stem != "machine")
-GROUPS = sorted(path.name for path in CONFIGURATION.iterdir() if path.is_dir())
+GROUPS = sorted(path.name for path in CONFIGURATION.iterdir() if path.is_dir() and path.name != "effect")
 OPTIONS = sorted(
     (str(path.parent.relative_to(CONFIGURATION)), path.stem)
     for path in CONFIGURATION.glob("*/**/*.yaml")
     if not path.stem.startswith("_")
+    and path.parent.name != "effect"  # what a diagnosis tries: test_effect.py
 )
 MACHINE = {group for group, _ in OPTIONS} & set(
     yaml.safe_load((CONFIGURATION / "mechanism/slider_crank.yaml").read_text())

@@ -34,7 +34,7 @@ SIGNAL_CHANNELS = (*ACCELERATIONS, *OTHER_CHANNELS)
 
 @dataclass(frozen=True)
 class ClearanceLocation:
-    """Which joints have clearance: a member of the configuration group ``joint``."""
+    """Which joints' clearance is drawn: a member of the configuration group ``joint``."""
 
     name: str
     b: bool
@@ -46,8 +46,8 @@ class Campaign:
     """A set of simulated runs with clearance and speed drawn at random (paper, Section 2).
 
     Attributes:
-        mechanism: the machine; its clearances and speed are drawn anew for each run.
-        joint: where the clearance is.
+        mechanism: the machine; its speed, and the clearance of ``joint``, are drawn anew for each run.
+        joint: where the clearance is drawn; another joint keeps the machine's own.
         integrator: scheme and steps.
         chain: measurement chain.
         sensors: imperfections of the sensors.
@@ -111,8 +111,9 @@ class Campaign:
         values = np.zeros((len(runs), 3))
         for row, run in enumerate(runs):
             draw = np.random.default_rng([self.seed, run]).uniform(size=3)
-            values[row, 0] = self.joint.b * (low + draw[0] * (high - low))
-            values[row, 1] = self.joint.c * (low + draw[1] * (high - low))
+            drawn_b, drawn_c = low + draw[0] * (high - low), low + draw[1] * (high - low)
+            values[row, 0] = drawn_b if self.joint.b else self.mechanism.joint_b.clearance
+            values[row, 1] = drawn_c if self.joint.c else self.mechanism.joint_c.clearance
             values[row, 2] = (slow + draw[2] * (fast - slow)) * np.pi / 30.0
         return values
 

@@ -1,0 +1,75 @@
+"""Where the configuration lies, and mechanisms that lie elsewhere: in a file that a user names."""
+
+import hashlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
+
+from clearance.errors import InputError
+
+_HERE = Path(__file__).parent
+CONFIGURATION = _HERE / "conf" if (_HERE / "conf").is_dir() else _HERE.parent / "conf"
+"""The configuration folder: inside the package in a wheel, beside it in a checkout."""
+
+MECHANISM_CLASSES = "clearance.mechanism."
+"""What a mechanism's file may make objects of: a file that a user names runs no other code."""
+
+_MECHANISM_FILE = re.compile(r"""mechanism=(['"]?)(.+\.ya?ml)\1""")
+
+
+def with_mechanism_file(argument: str) -> str:
+    """Turn ``mechanism=PATH.yaml`` into an option of the group ``mechanism``, and add that option to it.
+
+    The option's name is the file's and a digest of what it says, so that a folder named by overrides belongs
+    to one mechanism. Several files, separated by commas, are a sweep. Every other argument is returned as it
+    is.
+
+    Raises:
+        InputError: if a file cannot be read or makes an object that is no part of a mechanism.
+    """
+    named = _MECHANISM_FILE.fullmatch(argument)
+    if not named:
+        return argument
+    parts = named[2].split(",")
+    several = not Path(named[2]).exists() and all(part.endswith((".yaml", ".yml")) for part in parts)
+    return "mechanism=" + ",".join(_add_mechanism(Path(part)) for part in (parts if several else [named[2]]))
+
+
+def _add_mechanism(path: Path) -> str:
+    try:
+        text = path.read_bytes()
+        node = OmegaConf.load(path)
+        content = OmegaConf.to_container(node, resolve=False)
+    except OSError as error:
+        raise InputError(f"mechanism={path}: {error.strerror}; choose another file") from None
+    except (YAMLError, OmegaConfBaseException, UnicodeDecodeError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"mechanism={path}: is no YAML file ({reason}); choose another file") from None
+    if not isinstance(content, dict):
+        raise InputError(f"mechanism={path}: holds no keys of a mechanism; choose another file")
+    for target in targets(content):
+        if not str(target).startswith(MECHANISM_CLASSES):
+            raise InputError(
+                f"mechanism={path}: _target_ = {target} is no class of {MECHANISM_CLASSES[:-1]}; change "
+                "_target_"
+            )
+    name = f"{re.sub(r'[^0-9A-Za-z_-]', '_', path.stem)}-{hashlib.sha256(text).hexdigest()[:8]}"
+    ConfigStore.instance().store(name=name, node=node, group="mechanism", provider=str(path))
+    return name
+
+
+def targets(node: Any) -> Iterator[Any]:
+    """Every ``_target_`` inside nested mappings and lists."""
+    if isinstance(node, dict):
+        if "_target_" in node:
+            yield node["_target_"]
+        node = list(node.values())
+    if isinstance(node, list):
+        for value in node:
+            yield from targets(value)
