@@ -8,7 +8,7 @@ from clearance.diagnosis.fit import GOAL, Fit, Model, fit
 from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.start import STRETCH, Match
 
-ANNEALING = (30.0, 10.0, 3.0, 1.0)  # factors on the noise while a guess is far from a solution
+ANNEALING = (100.0, 31.6, 10.0, 3.16, 1.0)  # factors on the noise while a guess is far from a solution
 GOOD = 3.0  # robust cost a sample up to which a stretch counts as followed
 _OVERLAP = 14  # segments that are fitted once more when new ones join
 _LONGEST, _SHORTEST = 12, 2  # segments predicted at once
@@ -23,7 +23,9 @@ def _fixed(model: Model, values: np.ndarray) -> Model:
 _NOTHING = np.zeros((1, 0))
 
 
-def step_in(follower: Follower, model: Model, values: np.ndarray, match: Match) -> np.ndarray:
+def step_in(
+    follower: Follower, model: Model, values: np.ndarray, match: Match, length: int
+) -> tuple[np.ndarray, float, float]:
     """Fit the first stretch, then lengthen it while clearance and speed settle.
 
     Args:
@@ -31,6 +33,7 @@ def step_in(follower: Follower, model: Model, values: np.ndarray, match: Match) 
         model: whose unknowns are fitted as the stretch grows.
         values: (unknowns,) start.
         match: where to begin.
+        length: segments to follow.
 
     Returns:
         (unknowns,) values; the path is followed from ``match.segment`` on for ``settled`` segments.
@@ -39,18 +42,34 @@ def step_in(follower: Follower, model: Model, values: np.ndarray, match: Match) 
     last = first + STRETCH
     follower.path.nodes[first:last] = match.nodes
     follower.path.inputs[:] = 0.0
+    fixed = _fixed(model, values)
     for scale in ANNEALING:
-        fit([follower], _fixed(model, values), _NOTHING, 8, 2e-2, 1, first=first, last=last, scale=scale)
-    while last < min(first + SETTLED, follower.segments):
-        values = fit([follower], model, values[None], 3, 5e-2, 1, goal=GOAL, first=first, last=last).values[0]
+        before = follower.path.copy()
+        found = fit([follower], fixed, _NOTHING, 8, 2e-2, 1, first=first, last=last, scale=scale)
+        if scale < ANNEALING[0] and found.level > GOOD:
+            follower.path = before
+            break
+        reached = scale
+    level = np.inf
+    while True:
+        before = follower.path.copy()
+        found = fit(
+            [follower], model, values[None], 4, 5e-2, 1, goal=GOAL, first=first, last=last, scale=reached
+        )  # fmt: skip
+        level = found.level
+        if level > GOOD and reached < ANNEALING[0]:
+            follower.path = before
+            reached *= STEP
+            continue
+        values = found.values[0]
+        if last >= min(first + length, follower.segments):
+            return values, reached, level
         new = min(max(3, (last - first) // 4), follower.segments - last)
         follower.extend(model.machine(values), last - 1, new)
         last += new
-    values = fit([follower], model, values[None], 6, 1e-2, 1, first=first, last=last).values[0]
-    return values
 
 
-SETTLED = 80  # segments after which clearance and speed are good enough to follow the rest
+STEP = 10.0**0.5  # by which the scale of the noise rises where the model cannot follow
 
 
 def follow_on(
@@ -59,8 +78,9 @@ def follow_on(
     values: np.ndarray,
     first: int,
     start: int,
+    scale: float = 1.0,
     report: Callable[[int], None] | None = None,
-) -> tuple[np.ndarray, list[tuple[int, float]]]:
+) -> tuple[np.ndarray, float, list[tuple[int, float]]]:
     """Follow the recording from segment ``start`` to its end; its past is followed from ``first`` on.
 
     Returns:
@@ -71,29 +91,29 @@ def follow_on(
     trouble = []
     while last < follower.segments:
         if last >= refit:
-            values = fit([follower], model, values[None], 3, 1e-2, 1, first=first, last=last).values[0]
+            values = fit([follower], model, values[None], 3, 1e-2, 1, first=first, last=last, scale=scale).values[0]
             machine, fixed = model.machine(values), _fixed(model, values)
             refit = last + max((last - first) // 2, 2)
         new = min(hop, follower.segments - last)
         before = follower.path.copy()
         follower.extend(machine, last - 1, new)
-        found = _settle(follower, fixed, max(first, last - _OVERLAP), last + new)
-        level = found.cost / found.passes[0].samples
+        found = _settle(follower, fixed, max(first, last - _OVERLAP), last + new, scale)
+        level = found.level
         if level > GOOD and new > _SHORTEST:
             follower.path = before
             hop = max(_SHORTEST, new // 2)
             continue
         if level > GOOD:
-            for scale in ANNEALING:
-                found = _settle(follower, fixed, max(first, last - _OVERLAP), last + new, scale=scale)
-            level = found.cost / found.passes[0].samples
-            if level > GOOD:
-                trouble.append((last, level))
+            if scale < ANNEALING[0]:
+                follower.path = before
+                scale *= STEP
+                continue
+            trouble.append((last, level))
         last += new
         hop = min(_LONGEST, hop + 3)
         if report is not None:
             report(last)
-    return values, trouble
+    return values, scale, trouble
 
 
 def _settle(

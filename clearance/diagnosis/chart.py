@@ -42,6 +42,16 @@ class Chart:
     noise: np.ndarray
     journals: tuple[tuple[int, int], ...]
 
+    @property
+    def reach(self) -> np.ndarray:
+        """(nz,) by how many units an unknown may change before its linearisation fails."""
+        reach = np.full(len(self.rows), 300.0)
+        reach[0], reach[1] = 1000.0, 300.0  # 1e-3 rad, 0.3 rad/s
+        for i, j in self.journals:
+            reach[[i, i + 1]] = 20.0, 100.0  # 0.2 um, 0.01 m/s across the surface
+            reach[[j, j + 1]] = 500.0, 500.0  # 5 um, 0.05 m/s along it
+        return reach
+
     @staticmethod
     def of(machine: SliderCrank) -> "Chart":
         """The chart of a machine; units of eccentricities over clearance follow its clearances."""

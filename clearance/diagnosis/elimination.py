@@ -71,6 +71,7 @@ def eliminate(
     residual: np.ndarray,
     kept: np.ndarray,
     gram: np.ndarray,
+    parts: np.ndarray,
     innovation: np.ndarray,
     spread: np.ndarray,
 ) -> None:
@@ -89,6 +90,7 @@ def eliminate(
         residual: (segments, rows) measured minus predicted; rows without weight are zero throughout.
         kept: (segments, nv, 3 nv + P + 1) written: eliminated rows, for the substitution.
         gram: (P + 1, P + 1) added to: inner products of what is left of [sensitivity, residual].
+        parts: (segments, P) written: each segment's share of the gram's last column.
         innovation: (segments, rows) written: residual against the prediction from earlier blocks.
         spread: (segments, rows) written: its standard deviation.
     """
@@ -140,6 +142,8 @@ def eliminate(
                 if b[i, j] != 0.0:
                     for c in range(n, total):
                         gram[j - n, c - n] += b[i, j] * b[i, c]
+                    if j < last:
+                        parts[k, j - n] += b[i, j] * b[i, last]
         for i in range(nv):
             for j in range(total):
                 kept[k - 1, i, j] = r[i, j]

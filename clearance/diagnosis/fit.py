@@ -20,6 +20,7 @@ class Unknown:
         low: bound.
         high: bound.
         own: whether each recording has its own value.
+        reach: change that the linearisation surely bears; 0: a share of its value.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Unknown:
     low: float = -np.inf
     high: float = np.inf
     own: bool = False
+    reach: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,17 @@ class Fit:
     information: np.ndarray
     cost: float
     passes: list[Pass]
+
+    @property
+    def level(self) -> float:
+        """Robust cost a sample over the quieter nine tenths of the segments; 1 for a perfect model.
+
+        A few segments where an impact was put together wrongly say nothing about the model.
+        """
+        each = np.concatenate([
+            p.local[m > 0] / m[m > 0] for p in self.passes for m in [(p.used > 0.0).sum(axis=(1, 2))]
+        ])  # fmt: skip
+        return float(np.sort(each)[: max(1, round(_QUIET * len(each)))].mean() / _QUIET_MEAN)
 
     @property
     def evidence(self) -> float:
@@ -188,37 +201,43 @@ def fit(
     cost = sum(p.cost for p in passes)
     first = int(options.get("first", 0))  # type: ignore[call-overload]
     samples = sum(p.samples for p in passes)
+    damping = 0.0
     for iteration in range(iterations):
         if cost < goal * samples:
             break
-        information, score = assemble(passes, model, values)
-        lows, highs = _flatten(low - values, model), _flatten(high - values, model)
-        change = solve_bounded(information, score, lows, highs)
         paths = [f.path.copy() for f in followers]
-        accepted = False
-        for share in (1.0, 0.5, 0.2, 0.05):
-            moved = values + share * _spread(change, model, len(followers))
+        for _ in range(_TRIES):
+            for one in passes:
+                one.solve(damping)
+            information, score = assemble(passes, model, values)
+            information += np.diag(damping * _stiffness(model, values))
+            lows, highs = _flatten(low - values, model), _flatten(high - values, model)
+            change = _spread(solve_bounded(information, score, lows, highs), model, len(followers))
+            moved = values + change
             for r, (follower, one) in enumerate(zip(followers, passes, strict=True)):
                 steps = np.array([model.step(values[r], i) for i in range(len(model.unknowns))])
-                inner = one.change((moved - values)[r] / share / steps)
-                follower.move(share * inner, one.chart, first)
+                follower.move(one.change(change[r] / steps), one.chart, first)
             trial = observe(followers, model, moved, workers, **options)
             if mending and _mend(followers, model, moved, passes, trial, first):
                 trial = observe(followers, model, moved, workers, **options)
             new = sum(p.cost for p in trial)
             if np.isfinite(new) and new < cost * (1.0 + 1e-9):
-                accepted = True
                 break
             for follower, path in zip(followers, paths, strict=True):
                 follower.path = path.copy()
-        if not accepted:
+            damping = max(30.0 * damping, 0.3)
+        else:
             break
         fall, values, passes = cost - new, moved, trial
         cost = new
+        settled = damping == 0.0
+        damping = damping / 10.0 if damping > 0.1 else 0.0
         if report is not None:
             report(iteration, cost, values)
-        if fall < tolerance * cost and share == 1.0:
+        if fall < tolerance * cost and settled:
             break
+    for one in passes:
+        one.solve()
     information, _ = assemble(passes, model, values)
     return Fit(model, values, information, cost, passes)
 
@@ -240,7 +259,7 @@ def _mend(
             continue
         found = True
         machine = model.machine(values[r])
-        for begin, end in _islands(harmed, _NEAR):
+        for begin, end in islands(harmed, _NEAR):
             mend(follower, machine, first + begin, first + end)
     return found
 
@@ -258,7 +277,7 @@ def mend(follower: Follower, machine: SliderCrank, first: int, last: int) -> flo
     return found.cost / max(found.passes[0].samples, 1)
 
 
-def _islands(mask: np.ndarray, margin: int) -> list[tuple[int, int]]:
+def islands(mask: np.ndarray, margin: int) -> list[tuple[int, int]]:
     """Ranges around what is set, joined where they touch."""
     wide = np.convolve(mask, np.ones(2 * margin + 1), "same") > 0.0
     edges = np.flatnonzero(np.diff(np.concatenate([[False], wide, [False]]).astype(int)))
@@ -266,8 +285,21 @@ def _islands(mask: np.ndarray, margin: int) -> list[tuple[int, int]]:
 
 
 GOAL = 1.2  # cost a sample of a stretch that is followed
+_QUIET, _QUIET_MEAN = 0.9, 0.975  # share of segments, and what they cost where all cost 1 on average
+_TRIES = 4  # of damping in one iteration
 _NEAR = 5  # segments around a harmed one that are fitted with it
 _KNOWN = 1e-3  # factor on the doubt of a node that stays where it is
+
+
+def _stiffness(model: Model, values: np.ndarray) -> np.ndarray:
+    """(P,) inverse squares of the changes that the parameters surely bear."""
+    shared = model.shared
+    reach = np.array([u.reach or _REACH * max(abs(v), u.step) for u, v in zip(model.unknowns, values[0], strict=True)])
+    own = np.tile(reach[shared:], len(values))
+    return 1.0 / np.concatenate([reach[:shared], own]) ** 2
+
+
+_REACH = 0.05  # of a parameter's value, where nothing else is said
 
 
 def _flatten(rows: np.ndarray, model: Model) -> np.ndarray:

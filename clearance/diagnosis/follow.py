@@ -15,7 +15,7 @@ from clearance.diagnosis.chart import Chart
 from clearance.diagnosis.elimination import eliminate, substitute
 from clearance.diagnosis.measured import REACH, SAMPLES, Measured
 from clearance.lanes import WIDTH
-from clearance.mechanism.parameters import Family, Parameter
+from clearance.mechanism.parameters import JOINT_STRIDE, Family, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.batch import aligned
 from clearance.simulation.integrator import Integrator
@@ -71,40 +71,66 @@ class Path:
 
 @dataclass
 class Pass:
-    """One linearisation of a stretch, and its least-squares solution.
+    """One linearisation of a stretch; ``solve`` eliminates its states.
 
     Attributes:
+        chart: the unknowns.
         cost: robust sum of squares, to be compared between passes over the same stretch.
         local: (segments,) its parts.
         residual: (segments, samples, channels) measured minus predicted, in standard deviations of noise.
         used: (segments, samples, channels) weight of each residual, 0 at the edges.
-        innovation: (segments, samples, channels) residual against the prediction from earlier segments.
-        spread: (segments, samples, channels) its standard deviation; both in those of the noise.
         defect: (segments, nz) end minus next node, in process noise.
-        gram: (P + 1, P + 1) inner products of what the states cannot explain: parameters, residual.
-        determinant: log determinant of the unknowns' information.
         contacts: (segments, samples, 4) penetration and normal force of B and of C.
         predicted: (segments, samples, channels).
         signals: (segments, base samples, SIGNALS) unfiltered.
-        chart: the unknowns.
-        kept: for ``change``.
-        sensitivity: (segments, samples, channels, P) direct derivative by the parameters, weighted.
+        system: arguments of ``eliminate``: flow, defect, inputs, own, prior, damping, jacobian,
+            sensitivity, residual.
+        reach: (nz + inputs,) change of each unknown that the linearisation surely bears.
+        gram: (P + 1, P + 1) inner products of what the states cannot explain: parameters, residual.
+        parts: (segments, P) shares of the segments in the gram's last column: their scores.
+        determinant: log determinant of the unknowns' information.
+        innovation: (segments, samples, channels) residual against the prediction from earlier segments.
+        spread: (segments, samples, channels) its standard deviation; both in those of the noise.
+        kept: eliminated rows.
     """
 
+    chart: Chart
     cost: float
     local: np.ndarray
     residual: np.ndarray
     used: np.ndarray
-    innovation: np.ndarray
-    spread: np.ndarray
     defect: np.ndarray
-    gram: np.ndarray
-    determinant: float
     contacts: np.ndarray
     predicted: np.ndarray
     signals: np.ndarray
-    chart: Chart
-    kept: np.ndarray
+    system: tuple[np.ndarray, ...]
+    reach: np.ndarray
+    gram: np.ndarray = field(init=False)
+    parts: np.ndarray = field(init=False)
+    determinant: float = field(init=False)
+    innovation: np.ndarray = field(init=False)
+    spread: np.ndarray = field(init=False)
+    kept: np.ndarray = field(init=False)
+
+    def solve(self, damping: float = 0.0) -> "Pass":
+        """Eliminate the states, each held where it is with a weight (Levenberg)."""
+        flow, defect, inputs, own, prior, held, jacobian, sensitivity, residual = self.system
+        n, rows, parameters = sensitivity.shape
+        nv = jacobian.shape[3]
+        held = np.maximum(held, np.sqrt(damping) / self.reach)
+        self.kept = np.zeros((n, nv, 3 * nv + parameters + 1))
+        self.gram = np.zeros((parameters + 1, parameters + 1))
+        self.parts = np.zeros((n, parameters))
+        innovation, spread = np.zeros((n, rows)), np.ones((n, rows))
+        eliminate(
+            flow, defect, inputs, own, prior, held, jacobian, sensitivity, residual, self.kept, self.gram,
+            self.parts, innovation, spread,
+        )  # fmt: skip
+        shape = self.residual.shape
+        self.innovation, self.spread = innovation.reshape(shape), spread.reshape(shape)
+        diagonal = np.abs(self.kept[:, np.arange(nv), np.arange(nv)])
+        self.determinant = float(2.0 * np.log(diagonal).sum())
+        return self
 
     def change(self, parameters: np.ndarray) -> np.ndarray:
         """(segments, nz + inputs) solution for a change of the parameters."""
@@ -149,6 +175,12 @@ class Follower:
         """Number of segments."""
         return len(self.measured.values)
 
+    def part(self, first: int, last: int) -> "Follower":
+        """A follower of segments ``first`` to ``last`` alone, with its own copy of their path."""
+        small = Follower(self.measured.part(first, last), self.integrator, self.input_sigma)
+        small.path = Path(self.path.nodes[first:last].copy(), self.path.inputs[first:last].copy())
+        return small
+
     def look(
         self,
         machine: SliderCrank,
@@ -158,11 +190,10 @@ class Follower:
         scale: float = 1.0,
         looseness: float = 1.0,
         doubt: float = 1.0,
-        damping: float = 0.0,
         inside: bool = False,
         correction: np.ndarray | None = None,
     ) -> Pass:
-        """Linearise segments ``first`` to ``last`` about the present path and solve.
+        """Linearise segments ``first`` to ``last`` about the present path.
 
         Args:
             machine: the model.
@@ -172,7 +203,6 @@ class Follower:
             scale: factor on the noise, above 1 while far from a solution.
             looseness: factor on the process noise.
             doubt: factor on how far the first node may be wrong.
-            damping: Levenberg-Marquardt weight.
             inside: whether the path is known on both sides: the last node then stays where it is.
             correction: (segments, samples, channels) added to the prediction: what the instruments do.
         """
@@ -230,24 +260,16 @@ class Follower:
         flow *= kink[:, :, None]
         own[1:] *= kink[:-1, :, None]
         held = np.zeros((n, nv))
-        if damping > 0.0:
-            held = np.sqrt(damping * (jacobian**2).sum(axis=(1, 2)))
         if inside:
             held[-1] = _FAST
-        kept = np.zeros((n, nv, 3 * nv + parameters + 1))
-        gram = np.zeros((parameters + 1, parameters + 1))
-        innovation, spread = np.zeros((n, rows)), np.ones((n, rows))
-        eliminate(
+        system = (
             flow, defect * kink, inputs, own, chart.doubt(self.path.nodes[first]) * doubt, held, jacobian,
             np.ascontiguousarray(direct.reshape(n, rows, parameters)), (residual * used).reshape(n, rows),
-            kept, gram, innovation, spread,
         )  # fmt: skip
-        diagonal = np.abs(kept[:, np.arange(nv), np.arange(nv)])
-        shape = residual.shape
+        reach = np.concatenate([chart.reach, np.full(nw, np.inf)])
         return Pass(
-            float(local.sum()), local, residual * scale, used, innovation.reshape(shape), spread.reshape(shape), defect,
-            gram, float(2.0 * np.log(diagonal).sum()), contacts, predicted, self.signals[first:last], chart,
-            kept,
+            chart, float(local.sum()), local, residual * scale, used, defect, contacts, predicted,
+            self.signals[first:last], system, reach,
         )  # fmt: skip
 
     def move(self, change: np.ndarray, chart: Chart, first: int = 0) -> None:
@@ -308,8 +330,7 @@ class Follower:
         last: int,
         chart: Chart | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        codes, p = machine.codes(), aligned(len(machine.parameters()))
-        codes[Family.FORCE] = 1
+        codes, p = _joint_codes([machine, *columns]), aligned(len(machine.parameters()))
         p[:] = machine.parameters()[:, None]
         varied, change = np.full(WIDTH, -1), np.zeros(WIDTH)
         rows = np.array(INPUTS, dtype=np.int64)
@@ -322,6 +343,8 @@ class Follower:
                 p[rows[task - nz], lane] += self.input_sigma[task - nz]
             else:
                 p[:, lane] = columns[task - nz - len(INPUTS)].parameters()
+        for row in _SMOOTHING:  # of a law that is switched on for another lane
+            p[row] = np.where(p[row] > 0.0, p[row], 1e-3)
         measured, n = self.measured, last - first
         filtered = np.array(measured.signals[: measured.filtered], dtype=np.int64)
         points = np.array(measured.signals[measured.filtered :], dtype=np.int64)
@@ -345,7 +368,9 @@ class Follower:
         low, high = max(first - REACH, 0), min(last + REACH, self.segments)
         motion = self.signals[low:high][:, :, filtered]
         known = np.isfinite(motion[:, 0, 0]) if len(filtered) else np.ones(high - low, dtype=bool)
-        motion[~known] = 0.0
+        for k in np.flatnonzero(~known):  # unknown motion stays as it is where knowledge ends
+            near = np.flatnonzero(known)[np.argmin(np.abs(np.flatnonzero(known) - k))]
+            motion[k] = motion[near, -1 if near < k else 0]
         n = high - low
         parts = (self.measured.weights @ motion).reshape(n, 2 * REACH + 1, SAMPLES, len(filtered))
         total = np.zeros((n + 2 * REACH, SAMPLES, len(filtered)))
@@ -353,6 +378,22 @@ class Follower:
             total[shift : shift + n] += parts[:, shift]
         inside = total[REACH + first - low : REACH + last - low]
         return np.concatenate([inside, points], axis=2)
+
+
+STRUCTURE = (Family.JOINT_B, Family.JOINT_C, Family.GUIDE, Family.LINK, Family.FRAME)
+_SMOOTHING = (
+    Parameter.JOINT_FRICTION_SPEED, Parameter.JOINT_FRICTION_SPEED + JOINT_STRIDE, Parameter.GUIDE_FRICTION_SPEED
+)  # fmt: skip
+
+
+def _joint_codes(machines: Sequence[SliderCrank]) -> np.ndarray:
+    """Laws that any of the machines has: where a machine lacks one, its parameters are zero."""
+    each = np.array([machine.codes() for machine in machines])
+    if (each[:, STRUCTURE] != each[0, STRUCTURE]).any():
+        raise ValueError("machines of different structure cannot share a run")
+    codes = each.max(axis=0)
+    codes[Family.FORCE] = 1
+    return codes
 
 
 def _huber(size: np.ndarray) -> np.ndarray:

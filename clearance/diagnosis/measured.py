@@ -1,6 +1,6 @@
 """A recording as the estimator sees it: cut into segments, with its filter and its noise."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,6 +72,10 @@ class Measured:
         cut = values[: segments * SAMPLES].reshape(segments, SAMPLES, len(known))
         weights = filter_weights(chain, SAMPLES, REACH)
         return Measured(name, cut, tuple(known), signals, sigma, chain, weights)
+
+    def part(self, first: int, last: int) -> "Measured":
+        """Segments ``first`` to ``last`` alone."""
+        return replace(self, values=self.values[first:last])
 
     @property
     def segment(self) -> float:

@@ -5,7 +5,7 @@ for some revolution, a few milliseconds that are nearly those of the recording a
 is where the estimator steps in. How near they come also tells the clearance to a few per cent.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,12 +14,16 @@ from numba import njit
 from clearance.diagnosis.measured import SAMPLES, Measured
 from clearance.mechanism.drive import Drive
 from clearance.mechanism.slider_crank import SliderCrank
+from clearance.simulation.batch import Sampling, run_batch
+from clearance.simulation.decimation import Decimation
+from clearance.simulation.failure import Failure
 from clearance.simulation.integrator import Integrator
 from clearance.simulation.layout import STATES, Signal, State
 from clearance.simulation.shooting import fold
 from clearance.simulation.trajectory import simulate_trajectory
 
 STRETCH = 8  # segments that are compared
+_NEAREST = 5  # stretches whose distances are averaged
 _SETTLE = 0.3  # s until a free run has forgotten its start
 _DURATION = 1.2  # s of a free run
 _OF_THE_DRIVE = (
@@ -69,8 +73,7 @@ def match(
     signals[:, :filtered] = smooth(fine, signals[:, :filtered])
     angle = run.states[:, State.CRANK_ANGLE] * np.sign(speed)
     first = round(_SETTLE * chain.base_rate)
-    use = [i for i, s in enumerate(measured.signals) if s not in _OF_THE_DRIVE]
-    use = [i for i in use if measured.values[..., i].std() > 3.0 * measured.sigma[i]] or use
+    use = _compared(measured)
     deviation = measured.values[..., use].std(axis=(0, 1))
     periods = SAMPLES * chain.decimation
     window = np.arange(0, STRETCH * periods, chain.decimation)
@@ -119,14 +122,66 @@ def smooth(chain, values):  # type: ignore[no-untyped-def]
     return signal.sosfiltfilt(sections, values, axis=0, padtype="constant") / gain**2
 
 
-def search_clearance(
+def distances(
     measured: Measured,
-    machine_of: Callable[[float], SliderCrank],
+    machines: Sequence[SliderCrank],
     speed: float,
     start_angle: float,
     segments: Sequence[int],
-    clearances: Sequence[float],
-) -> list[Match]:
-    """Matches for several clearances [m], nearest first."""
-    found = [match(measured, machine_of(c), speed, start_angle, segments) for c in clearances]
-    return sorted(found, key=lambda one: one.distance)
+    workers: int,
+) -> np.ndarray:
+    """(machines,) how near each one's free run comes to the recording; infinite where it fails.
+
+    Coarser than ``match`` and many times faster: it runs machines in lockstep and compares at twice the
+    recording's rate.
+    """
+    chain = measured.chain
+    finer = 2 if chain.decimation % 2 == 0 else 1
+    if chain.decimation == finer == 1:
+        filters = Decimation.none()
+    else:
+        filters = Decimation.chebyshev(
+            chain.decimation // finer, chain.filter_order, chain.ripple_db, chain.cutoff / finer
+        )
+    sampling = Sampling(chain.base_rate, filters, _SETTLE, _DURATION - _SETTLE)
+    running = []
+    for machine in machines:
+        drive = machine.drive
+        assert isinstance(drive, Drive)
+        running.append(replace(machine, drive=quick(drive.at_speed(speed * 30.0 / np.pi))))
+    use = _compared(measured)
+    rows = [measured.signals[i] for i in use]
+    deviation = measured.values[..., use].std(axis=(0, 1))
+    window = np.arange(0, STRETCH * SAMPLES * finer, finer)
+    data = np.stack([measured.values[k : k + STRETCH].reshape(-1, len(measured.signals))[:, use] for k in segments])
+    expected = (start_angle + speed * np.array(segments) * measured.segment) * np.sign(speed)
+    found = np.full(len(machines), np.inf)
+
+    def sink(run: int, outcome: np.ndarray | Failure) -> None:
+        if isinstance(outcome, Failure):
+            return
+        angle = outcome[:, Signal.CRANK_ANGLE] * np.sign(speed)
+        if not (np.diff(angle) > 0.0).all():
+            return
+        signals = outcome[:, rows]
+        nearest = np.full(len(segments), np.nan)
+        for k in range(len(segments)):
+            turns = np.arange(np.ceil((angle[0] - expected[k]) / (2 * np.pi)), angle[-1] / (2 * np.pi))
+            places = np.searchsorted(angle, expected[k] + 2 * np.pi * turns)
+            places = places[places + window[-1] < len(angle)]
+            if len(places):
+                pieces = signals[places[:, None] + window]
+                nearest[k] = (np.abs(pieces - data[k]) / deviation).mean(axis=(1, 2)).min()
+        found[run] = np.nanmean(np.sort(nearest)[:_NEAREST])
+
+    run_batch(
+        running, Integrator("runge_kutta_4", 1.0 / chain.base_rate, 2), sampling, sink, workers, any_laws=True
+    )  # fmt: skip
+    return found
+
+
+def _compared(measured: Measured) -> list[int]:
+    """Channels that tell how the mechanism moves, not what its drive does."""
+    use = [i for i, s in enumerate(measured.signals) if s not in _OF_THE_DRIVE]
+    loud = [i for i in use if measured.values[..., i].std() > 3.0 * measured.sigma[i]]
+    return loud or use or list(range(len(measured.signals)))

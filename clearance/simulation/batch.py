@@ -69,6 +69,7 @@ def run_batch(
     sink: Sink,
     workers: int | None = None,
     states: np.ndarray | None = None,
+    any_laws: bool = False,
 ) -> None:
     """Simulate machines and hand each one's signals to ``sink`` as soon as they are there.
 
@@ -79,6 +80,8 @@ def run_batch(
         sink: called from the worker threads.
         workers: threads; all cores if ``None``.
         states: (runs, STATES) start states; at rest at outer dead centre if ``None``.
+        any_laws: whether laws are chosen while it runs: slower by a factor of three, but compiled once for
+            all laws. For few runs of many kinds.
     """
     if sampling.samples < 1:
         raise InputError(f"a recording of {sampling.duration:g} s holds no sample at {sampling.rate:g} Hz")
@@ -92,7 +95,7 @@ def run_batch(
 
     def work(group: list[int]) -> None:
         if not stop.is_set():
-            _run_group(group, machines, states, integrator, sampling, workspaces, sink)
+            _run_group(group, machines, states, integrator, sampling, workspaces, sink, any_laws)
 
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
         futures = [pool.submit(work, group) for group in groups]
@@ -132,6 +135,7 @@ def _run_group(
     sampling: Sampling,
     workspaces: local,
     sink: Sink,
+    any_laws: bool,
 ) -> None:
     lanes = group + [group[-1]] * (WIDTH - len(group))
     codes = machines[group[0]].codes()
@@ -153,7 +157,7 @@ def _run_group(
     period = 1.0 / sampling.base_rate
     substeps = integrator.substeps(period)
     run_lanes(
-        LawChoice(codes),
+        codes if any_laws else LawChoice(codes),
         p,
         s,
         saved,

@@ -1,0 +1,348 @@
+"""Search: step into every recording, fit hypotheses to what was followed, from coarse to fine."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clearance.diagnosis.acquire import ANNEALING, step_in
+from clearance.diagnosis.alignment import align
+from clearance.diagnosis.fit import Fit, Model, fit, islands, mend
+from clearance.diagnosis.follow import Follower
+from clearance.diagnosis.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.measured import Measured
+from clearance.diagnosis.start import STRETCH, Match, distances, match
+from clearance.errors import InputError
+from clearance.simulation.integrator import Integrator
+
+GRID = (2e-5, 5e-5, 1e-4, 1.6e-4, 2.4e-4, 3.2e-4, 4.2e-4, 5.2e-4, 6.4e-4, 7.6e-4, 8.8e-4, 1e-3)
+"""Clearances [m] that are tried first."""
+
+FOLLOWED = 2.5  # robust cost a sample: above, a model does not follow at this scale of the noise
+EXPLAINED = 1.35  # and up to which nothing is left to explain
+TIGHT = np.array([1e-3, 1e-3, 1e-2])  # N m, N m, N: unknown forces that a right model does not need
+INTEGRATOR = Integrator("runge_kutta_4", 1e-5, 2)
+DEBUG = False
+_SEARCHED = 90  # segments over which the beginning is looked for
+
+
+@dataclass
+class Beginning:
+    """A stretch of a recording that is followed.
+
+    Attributes:
+        follower: of the stretch alone.
+        segment: where it begins in the recording.
+        speed: mean crank speed [rad/s].
+        angle: crank angle at the recording's first sample [rad].
+        explained: share of the variance that the ideal mechanism explains.
+        values: (unknowns,) of the model that was stepped in with.
+        scale: of the noise at which it follows.
+        level: robust cost a sample.
+        distance: of the match.
+    """
+
+    follower: Follower
+    segment: int
+    speed: float
+    angle: float
+    explained: float
+    values: np.ndarray
+    scale: float
+    level: float
+    distance: float
+
+
+def best_match(
+    measured: Measured,
+    machines: Sequence[tuple[np.ndarray, Callable[[], object]]],
+    speed: float,
+    angle: float,
+    window: Sequence[int],
+) -> tuple[Match, np.ndarray]:
+    """The nearest stretch of free runs of several machines, and that machine's values."""
+    found: list[tuple[Match, np.ndarray]] = []
+    for values, make in machines:
+        try:
+            one = match(measured, make(), speed, angle, window)  # type: ignore[arg-type]
+        except InputError:
+            continue
+        if np.isfinite(one.distance):
+            found.append((one, values))
+    if not found:
+        raise InputError(f"{measured.name}: no simulation of this mechanism runs at its speed")
+    return min(found, key=lambda pair: pair[0].distance)
+
+
+def begin(
+    measured: Measured,
+    setting: Setting,
+    model: Model,
+    candidates: Sequence[np.ndarray],
+    length: int,
+    speed_range: tuple[float, float],
+    known: tuple[float, float, float] | None = None,
+    refine: bool = True,
+    first: int = 3,
+) -> Beginning:
+    """Step into a recording.
+
+    Args:
+        measured: the recording.
+        setting: the nominal machine.
+        model: to follow with.
+        candidates: values without the speed to try, the clearance first.
+        length: segments to follow.
+        speed_range: [rad/s].
+        known: speed, angle and explained share, if they are.
+        refine: whether clearances near the best one are tried too.
+        first: segment from which on the beginning is looked for.
+    """
+    flat = measured.values.reshape(-1, len(measured.signals))
+    speed, angle, explained = known or align(
+        setting.with_clearance(3e-4), flat, measured.signals, measured.chain.rate, speed_range
+    )
+    rpm = speed * 30.0 / np.pi
+    last = min(first + _SEARCHED, len(measured.values) - length - 4)
+    if last <= first:
+        raise InputError(f"{measured.name}: too short to follow; give at least two revolutions")
+
+    def makers(rows: Sequence[np.ndarray]) -> list[tuple[np.ndarray, Callable[[], object]]]:
+        return [(row, lambda row=row: model.machine(np.append(row, rpm))) for row in rows]  # type: ignore[misc]
+
+    found, values = best_match(measured, makers(candidates), speed, angle, range(first, last, 2))
+    if refine:
+        near = [np.concatenate([[values[0] * f], values[1:]]) for f in (0.87, 0.93, 0.97, 1.03, 1.07, 1.15)]
+        better, changed = best_match(measured, makers(near), speed, angle, range(first, last))
+        if better.distance < found.distance:
+            found, values = better, changed
+    segment = found.segment
+    follower = Follower(measured.part(segment, segment + length), INTEGRATOR, TIGHT.copy())
+    local = replace(found, segment=0)
+    try:
+        fitted, scale, level = step_in(follower, model, np.append(values, rpm), local, length)
+    except (InputError, np.linalg.LinAlgError) as error:
+        raise InputError(f"{measured.name}: cannot be followed ({error})") from None
+    return Beginning(
+        follower, segment, speed, angle, explained, fitted, scale, level, found.distance
+    )  # fmt: skip
+
+
+@dataclass
+class Attempt:
+    """A model fitted to the stretches of all recordings.
+
+    Attributes:
+        hypotheses: beside the nominal machine.
+        model: of them.
+        fit: the last fit that followed.
+        scale: of the noise at which it follows.
+        level: robust cost a sample at that scale.
+        followers: with the paths of the fit.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    model: Model
+    fit: Fit
+    scale: float
+    level: float
+    followers: list[Follower]
+
+    @property
+    def misfit(self) -> float:
+        """Robust mean square of residuals in units of the noise: 1 for a perfect model."""
+        return self.level * self.scale**2
+
+    @property
+    def label(self) -> str:
+        """The hypotheses' labels."""
+        return " + ".join(h.label for h in self.hypotheses) or "nominal"
+
+
+def refine(
+    hypotheses: Sequence[Hypothesis],
+    model: Model,
+    followers: Sequence[Follower],
+    values: np.ndarray,
+    scale: float,
+    iterations: int = 6,
+    workers: int = 1,
+) -> Attempt:
+    """Fit at a scale of the noise, then at smaller ones as long as the model follows.
+
+    The followers are not changed; the attempt has its own.
+    """
+    own = [f.part(0, f.segments) for f in followers]
+    best: Attempt | None = None
+    for s in [scale, *[a for a in ANNEALING if a < 0.9 * scale]]:
+        paths = [f.path.copy() for f in own]
+        found = fit(own, model, values, iterations, 1e-2, workers, scale=s)
+        level = found.level
+        if DEBUG:
+            print('    refine', [h.label for h in hypotheses], s, round(level, 3), found.values[0], flush=True)
+        if best is not None and level > FOLLOWED:
+            # a good model often needs a second look where noise weighs ten times more
+            found = fit(own, model, found.values, iterations, 1e-2, workers, scale=s)
+            level = found.level
+        if best is not None and level > FOLLOWED:
+            if level * s**2 < best.misfit:
+                best = Attempt(tuple(hypotheses), model, found, s, level, own)
+            else:
+                for follower, path in zip(own, paths, strict=True):
+                    follower.path = path
+            break
+        values = found.values
+        best = Attempt(tuple(hypotheses), model, found, s, level, own)
+    assert best is not None
+    return polish(best, workers) if best.scale <= 1.0 and best.level > EXPLAINED else best
+
+
+def polish(attempt: Attempt, workers: int = 1) -> Attempt:
+    """Mend the stretches that a good model does not follow yet, and fit once more."""
+    for _ in range(3):
+        for r, (follower, one) in enumerate(zip(attempt.followers, attempt.fit.passes, strict=True)):
+            torn = one.local > 2.0 * one.residual[0].size
+            if torn.mean() < 0.3:
+                machine = attempt.model.machine(attempt.fit.values[r])
+                for first, last in islands(torn, 6):
+                    mend(follower, machine, first, last)
+        found = fit(attempt.followers, attempt.model, attempt.fit.values, 4, 1e-2, workers)
+        level = found.level
+        settled = level > 0.95 * attempt.level
+        attempt.fit, attempt.level = found, level
+        if settled or level < EXPLAINED:
+            break
+    return attempt
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis with values at which a free run comes near the recording.
+
+    Attributes:
+        hypothesis: with the shapes of one trial.
+        values: (1 + unknowns,) the clearance, then its parameters.
+        distance: of the free run.
+    """
+
+    hypothesis: Hypothesis
+    values: np.ndarray
+    distance: float
+
+
+def screen(
+    measured: Measured,
+    setting: Setting,
+    base: Sequence[Hypothesis],
+    base_values: np.ndarray,
+    groups: Sequence[Sequence[Hypothesis]],
+    clearances: Sequence[float],
+    speed: float,
+    angle: float,
+    workers: int,
+    report: Callable[[str], None] | None = None,
+) -> list[Candidate]:
+    """Free runs of every hypothesis at several sizes and clearances: the nearest values of each.
+
+    A global search that needs no path: two rounds, the second around the best of the first.
+
+    Args:
+        measured: the recording.
+        setting: the nominal machine.
+        base: hypotheses that are taken for granted.
+        base_values: (1 + their unknowns,) with the clearance in front.
+        groups: each hypothesis with its trials.
+        clearances: to try [m].
+        speed: [rad/s].
+        angle: at the first sample [rad].
+        workers: threads.
+        report: called with what is being done.
+    """
+    window = range(3, min(3 + _SEARCHED, len(measured.values) - STRETCH - 4), 2)
+    generator = np.random.default_rng(0)
+    model = setting.model(base)
+
+    def run(jobs: list[tuple[int, Hypothesis, np.ndarray]]) -> list[tuple[int, Candidate]]:
+        machines, kept = [], []
+        for g, hypothesis, values in jobs:
+            try:
+                start = np.concatenate([values[:1], base_values[1:], [0.0]])
+                machines.append(hypothesis.apply(model.machine(start), values[1:]))
+            except InputError:
+                continue
+            kept.append((g, hypothesis, values))
+        found = distances(measured, machines, speed, angle, window, workers)
+        return [(g, Candidate(h, v, float(d))) for (g, h, v), d in zip(kept, found, strict=True)]
+
+    jobs: list[tuple[int, Hypothesis, np.ndarray]] = []
+    for g, group in enumerate(groups):
+        mine = [
+            (g, hypothesis, np.concatenate([[c], values]))
+            for hypothesis in group
+            for values in _sizes(hypothesis)
+            for c in clearances
+        ]
+        if len(mine) > _COARSE:
+            mine = [mine[i] for i in generator.choice(len(mine), _COARSE, replace=False)]
+        jobs += mine
+    if report is not None:
+        report(f"screening {len(groups)} hypotheses with {len(jobs)} simulations")
+    found = run(jobs)
+    best = _best(found, len(groups))
+    ranked = sorted((c for c in best.values()), key=lambda c: c.distance)[:_REFINED]
+    jobs = []
+    for candidate in ranked:
+        g = next(k for k, v in best.items() if v is candidate)
+        off = candidate.hypothesis.off
+        shapes = _shapes(candidate.hypothesis)
+        for _ in range(_FINE):
+            values = candidate.values.copy()
+            values[0] *= np.exp(generator.normal(0.0, 0.06))
+            size = np.where(np.isfinite(off), values[1:] - off, values[1:])
+            factor = np.exp(generator.normal(0.0, 0.5, len(size)))
+            new = np.where(np.isfinite(off), off, 0.0) + size * factor
+            values[1:] = np.where(shapes, values[1:], new)
+            values[1:] = np.clip(
+                values[1:], [u.low for u in candidate.hypothesis.unknowns],
+                [u.high for u in candidate.hypothesis.unknowns],
+            )  # fmt: skip
+            jobs.append((g, candidate.hypothesis, values))
+    best = _best([*found, *run(jobs)], len(groups))
+    return sorted(best.values(), key=lambda c: c.distance)
+
+
+_COARSE, _REFINED, _FINE = 48, 14, 32  # simulations a hypothesis; hypotheses looked at closer; and again
+
+
+def _best(found: Sequence[tuple[int, Candidate]], groups: int) -> dict[int, Candidate]:
+    best: dict[int, Candidate] = {}
+    for g, candidate in found:
+        if np.isfinite(candidate.distance) and (g not in best or candidate.distance < best[g].distance):
+            best[g] = candidate
+    return best
+
+
+def _sizes(hypothesis: Hypothesis) -> list[np.ndarray]:
+    """Values to screen with: a third, one and three times the plausible size, either sign if allowed."""
+    off, start = hypothesis.off, hypothesis.start
+    low = np.array([u.low for u in hypothesis.unknowns])
+    high = np.array([u.high for u in hypothesis.unknowns])
+    rows = []
+    for factor in (0.4, 1.0, 2.5, -0.4, -1.0, -2.5):
+        finite = np.where(np.isfinite(off), off, 0.0)
+        values = finite + (start - finite) * factor
+        if not np.isfinite(off).all():
+            values = start * abs(factor)
+            if factor < 0.0:
+                continue
+        values = np.where(_shapes(hypothesis), start, values)
+        if ((values >= low) & (values <= high)).all():
+            rows.append(values)
+    return rows
+
+
+def _shapes(hypothesis: Hypothesis) -> np.ndarray:
+    if hypothesis.effect is None:
+        return np.zeros(len(hypothesis.unknowns), dtype=bool)
+    return np.array([parameter.shape for parameter in hypothesis.effect.free])
