@@ -20,7 +20,9 @@ log = logging.getLogger(__name__)
 CLEARANCES = tuple(np.geomspace(2e-5, 1.1e-3, 48))
 """Clearances [m] whose free runs are compared with a recording."""
 
-_PROMISING = 8  # hypotheses that are fitted after screening
+_PROMISING = 10  # hypotheses that are stepped in with after screening
+_FITTED = 3  # of them, that are fitted to all recordings
+_SHORT = 60  # segments that are followed to judge a hypothesis
 _MOST = 3  # effects at once
 
 
@@ -148,20 +150,41 @@ class Search:
             known.angle, self.workers, self.report,
         )  # fmt: skip
         explanation.candidates = found if base is None else explanation.candidates
-        done = 0
-        for candidate in found[:_PROMISING]:
+        reference = base if base is not None else explanation.nominal
+        ceiling = max(1.0, reference.scale / 3.0)
+
+        def quick(candidate: Candidate) -> tuple[float, Candidate, np.ndarray]:
             row = np.concatenate([candidate.values[:1], values[1:], candidate.values[1:]])
+            model = self.setting.model([*held, candidate.hypothesis])
+            try:
+                found = begin(
+                    self.recordings[0], self.setting, model, [row], _SHORT, (0.0, 0.0),
+                    (known.speed, known.angle, known.explained), ceiling=ceiling,
+                )  # fmt: skip
+            except InputError:
+                return np.inf, candidate, row
+            return found.level * found.scale**2, candidate, found.values[:-1]
+
+        self.report(f"[{self.seconds:.0f} s] stepping in with the {_PROMISING} nearest hypotheses")
+        with ThreadPoolExecutor(self.workers) as pool:
+            tried = sorted(pool.map(quick, found[:_PROMISING]), key=lambda one: one[0])
+        for misfit, candidate, row in tried:
+            self.report(f"[{self.seconds:.0f} s] {candidate.hypothesis.label}: {misfit:.3g} at first")
+        for misfit, candidate, row in tried[:_FITTED]:
+            if misfit > max(4.0 * tried[0][0], 3.0) or misfit > reference.misfit:
+                continue
             try:
                 attempt = self.attempt([*held, candidate.hypothesis], [row])
             except InputError as error:
                 self.report(f"{candidate.hypothesis.label}: {error}")
                 continue
-            done += 1
             explanation.attempts.append(attempt)
-            self.report(
-                f"[{time.monotonic() - self.started:.0f} s] {attempt.label}: misfit {attempt.misfit:.3g} "
-                f"(screening distance {candidate.distance:.3f})"
-            )
+            self.report(f"[{self.seconds:.0f} s] {attempt.label}: misfit {attempt.misfit:.3g}")
+
+    @property
+    def seconds(self) -> float:
+        """Since the start [s]."""
+        return time.monotonic() - self.started
 
 
 def _single(hypothesis: Hypothesis) -> bool:

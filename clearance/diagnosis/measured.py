@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clearance.errors import InputError
-from clearance.recording.chain import MeasurementChain
+from clearance.recording.chain import MeasurementChain, declared_chain
 from clearance.recording.channels import CHANNELS
 from clearance.recording.recording import Recording
 from clearance.simulation.layout import Signal
@@ -44,6 +44,7 @@ class Measured:
         sigma: (channels,) standard deviation of the noise.
         chain: the filter it went through.
         weights: see ``filter_weights``.
+        silent: channels that were left out because they are constant.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Measured:
     sigma: np.ndarray
     chain: MeasurementChain
     weights: np.ndarray
+    silent: tuple[str, ...] = ()
 
     @staticmethod
     def of(recording: Recording, chain: MeasurementChain, name: str) -> "Measured":
@@ -67,11 +69,16 @@ class Measured:
                 f"{name}: {len(values)} samples are too few to follow; "
                 f"give at least {(2 * REACH + 8) * SAMPLES}"
             )
+        alive = [i for i in range(len(known)) if np.ptp(values[:, i]) > 0.0]
+        if not alive:
+            raise InputError(f"{name}: every channel is constant; check the sensors or the columns' names")
+        silent = tuple(c for i, c in enumerate(known) if i not in alive)
+        known, values = [known[i] for i in alive], values[:, alive]
         signals = tuple(_SIGNAL_OF[c] for c in known)
         sigma = np.array([noise_level(values[:, i], s) for i, s in enumerate(signals)])
         cut = values[: segments * SAMPLES].reshape(segments, SAMPLES, len(known))
         weights = filter_weights(chain, SAMPLES, REACH)
-        return Measured(name, cut, tuple(known), signals, sigma, chain, weights)
+        return Measured(name, cut, tuple(known), signals, sigma, chain, weights, silent)
 
     def part(self, first: int, last: int) -> "Measured":
         """Segments ``first`` to ``last`` alone."""
@@ -87,10 +94,23 @@ class Measured:
         """Number of channels that passed the filter: the first ones."""
         return sum(s < Signal.CRANK_ANGLE for s in self.signals)
 
-    @property
-    def silent(self) -> np.ndarray:
-        """(channels,) whether a channel shows nothing but zeros."""
-        return np.ptp(self.values, axis=(0, 1)) == 0.0
+
+def chain_of(recording: Recording, name: str) -> MeasurementChain:
+    """The chain that a recording declares, or the usual one ending at its rate.
+
+    Raises:
+        InputError: a declared chain that does not end at the recording's rate.
+    """
+    if recording.metadata.get("chain"):
+        chain = MeasurementChain(**declared_chain(recording.metadata["chain"]))
+        if abs(chain.rate / recording.rate - 1.0) > 1e-6:
+            raise InputError(
+                f"{name}: declares a chain that ends at {chain.rate:g} Hz, but has {recording.rate:g} Hz; "
+                "correct chain in the YAML beside it"
+            )
+        return chain
+    factor = max(1, round(1e5 / recording.rate))
+    return MeasurementChain(base_rate=recording.rate * factor, decimation=factor)
 
 
 def noise_level(values: np.ndarray, signal: int) -> float:

@@ -85,6 +85,7 @@ def begin(
     known: tuple[float, float, float] | None = None,
     refine: bool = True,
     first: int = 3,
+    ceiling: float = ANNEALING[0],
 ) -> Beginning:
     """Step into a recording.
 
@@ -98,6 +99,7 @@ def begin(
         known: speed, angle and explained share, if they are.
         refine: whether clearances near the best one are tried too.
         first: segment from which on the beginning is looked for.
+        ceiling: scale of the noise above which a model is given up.
     """
     flat = measured.values.reshape(-1, len(measured.signals))
     speed, angle, explained = known or align(
@@ -121,7 +123,7 @@ def begin(
     follower = Follower(measured.part(segment, segment + length), INTEGRATOR, TIGHT.copy())
     local = replace(found, segment=0)
     try:
-        fitted, scale, level = step_in(follower, model, np.append(values, rpm), local, length)
+        fitted, scale, level = step_in(follower, model, np.append(values, rpm), local, length, ceiling)
     except (InputError, np.linalg.LinAlgError) as error:
         raise InputError(f"{measured.name}: cannot be followed ({error})") from None
     return Beginning(

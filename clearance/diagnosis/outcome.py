@@ -1,0 +1,309 @@
+"""Carry out a diagnosis and gather what it says: the contract's JSON and the report's evidence."""
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clearance.diagnosis.explain import Explanation, Search, explained, penalised
+from clearance.diagnosis.fit import Model, Unknown
+from clearance.diagnosis.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.measured import Measured
+from clearance.diagnosis.mismatch import Innovations, innovations, interval, locate, root_mean_square, summary
+from clearance.diagnosis.search import Attempt, begin, refine
+from clearance.diagnosis.verdict import equivalents, estimates, probabilities, sentences, verdict_of
+from clearance.errors import InputError
+from clearance.mechanism.slider_crank import SliderCrank
+
+METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
+_SHOWN = 1500  # samples of an overlay
+_UNLIKELY = 0.25  # share of the variance that the ideal mechanism must explain
+
+
+@dataclass
+class Outcome:
+    """Everything that a diagnosis found.
+
+    Attributes:
+        diagnosis: the contract's JSON.
+        evidence: what the report draws.
+        machine: corrected.
+        explanation: all attempts.
+    """
+
+    diagnosis: dict[str, Any]
+    evidence: dict[str, Any]
+    machine: SliderCrank
+    explanation: Explanation
+
+
+def diagnose(
+    recordings: Sequence[Measured],
+    held_out: Sequence[Measured],
+    setting: Setting,
+    groups: dict[str, list[Hypothesis]],
+    speed_range: tuple[float, float],
+    workers: int,
+    most: int,
+    report: Callable[[str], None],
+    keep: Callable[[Explanation], None] = lambda _: None,
+) -> Outcome:
+    """Find what the nominal machine lacks.
+
+    Args:
+        recordings: to fit; selection sees only these.
+        held_out: to judge by.
+        setting: the nominal machine and the joint.
+        groups: hypotheses by label.
+        speed_range: [rad/s].
+        workers: threads.
+        most: effects at once.
+        report: called with progress.
+        keep: called after each stage with what was found so far.
+
+    Raises:
+        InputError: a recording that no machine of this kind could have made.
+    """
+    started = time.monotonic()
+    search = Search(recordings, setting, groups, speed_range, workers, report)
+    for one, found in zip(recordings, search.alignments, strict=True):
+        if found.explained < _UNLIKELY:
+            raise InputError(
+                f"{one.name}: this mechanism explains {max(found.explained, 0.0):.0%} of what it shows at its "
+                f"best speed ({found.speed * 30 / np.pi:.0f} rpm); is it another machine's, are channels "
+                "swapped, or is its speed outside speed_range?"
+            )
+    explanation = search.nominal()
+    keep(explanation)
+    held: Attempt | None = None
+    for _ in range(most):
+        if explained(explanation.best):
+            break
+        before = penalised(explanation.best)
+        search.widen(explanation, held)
+        keep(explanation)
+        if penalised(explanation.best) > 0.7 * before:
+            break
+        held = explanation.best
+    report(f"[{search.seconds:.0f} s] judging on held-out recordings")
+    best, nominal = explanation.best, explanation.nominal
+    after = _held_out(held_out, search, best)
+    before_attempt = _held_out(held_out, search, nominal) if best is not nominal else after
+    joint = setting.joint
+    errors_after = innovations(after, joint)
+    errors_before = innovations(before_attempt, joint, after) if best is not nominal else errors_after
+    fit = _fit_numbers(errors_before, errors_after)
+    errors_fit = innovations(nominal, joint, best if explained(best) else None)
+    where = summary(errors_fit)
+    channels = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > 0.1][:3]
+    verdict = verdict_of(explanation)
+    body, direction = _place(best, where)
+    numbers = estimates(best)
+    chance = probabilities(explanation)
+    others = equivalents(explanation)
+    diagnosis: dict[str, Any] = {
+        "verdict": verdict,
+        "summary": sentences(verdict, explanation, joint, fit, channels or list(where["channels"])[:1]),
+        "mismatch": {
+            "detected": verdict != "none", "p_value": _p_value(nominal), "body": body,
+            "direction": direction, **where,
+        },
+        "effects": _effects(best, numbers, chance) if verdict not in ("none", "unknown") else [],
+        "equivalent": [[h.name for h in a.hypotheses] for a in others] if len(others) > 1 else [],
+        "next_experiment": _next_experiment(others, recordings),
+        "free_form": None,
+        "fit": fit,
+        "clearance": {
+            "joint": joint, "before_m": float(nominal.fit.values[0, 0]), "after_m": numbers[0].value,
+            "low_m": numbers[0].low, "high_m": numbers[0].high,
+        },
+        "recordings": [
+            {
+                "name": one.name, "seconds": len(one.values) * one.segment, "rate_hz": one.chain.rate,
+                "channels": list(one.channels), "speed_rpm": float(best.fit.values[r, -1]),
+                "held_out_seconds": 0.0,
+            }
+            for r, one in enumerate(recordings)
+        ],
+        "warnings": [
+            f"{one.name}: {', '.join(one.silent)} shows nothing but a constant and was left out"
+            for one in recordings if one.silent
+        ],
+        "seconds": round(time.monotonic() - started, 1),
+    }  # fmt: skip
+    evidence = {
+        "where": locate(errors_fit, innovations(best, joint)),
+        "ranking": _ranking(explanation, chance),
+        "overlays": _overlays(before_attempt, after),
+        "checks": _checks(errors_after),
+        "mechanism": {
+            "crank_length": setting.machine.crank.length, "rod_length": setting.machine.rod.length,
+            "offset": setting.machine.guide_offset,
+        },
+    }  # fmt: skip
+    model = setting.model(best.hypotheses)
+    return Outcome(diagnosis, evidence, model.machine(best.fit.values[0]), explanation)
+
+
+def _held_out(held_out: Sequence[Measured], search: Search, attempt: Attempt) -> Attempt:
+    """The attempt's machine beside recordings that it was not fitted to: only their speed is free."""
+    shared = attempt.fit.values[0, : attempt.model.shared]
+    model = Model(
+        (Unknown("speed", 1e-3, own=True),), lambda v: attempt.model.machine(np.append(shared, v[-1]))
+    )
+    setting = search.setting
+
+    def one(measured: Measured) -> Any:
+        length = int(min(max(map(search.length, range(len(search.recordings)))), len(measured.values) - 24))
+        low, high = (abs(a.speed) for a in search.alignments), (abs(a.speed) for a in search.alignments)
+        return begin(
+            measured, setting, model, [np.zeros(0)], length, (0.5 * min(low), 2.0 * max(high)), refine=False
+        )
+
+    with ThreadPoolExecutor(search.workers) as pool:
+        beginnings = list(pool.map(one, held_out))
+    scale = max(b.scale for b in beginnings)
+    values = np.array([b.values for b in beginnings])
+    found = refine((), model, [b.follower for b in beginnings], values, scale, 6, search.workers)
+    found.fit.values = np.concatenate([np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1)
+    return found
+
+
+def _fit_numbers(before: Sequence[Innovations], after: Sequence[Innovations]) -> dict[str, Any]:
+    low, high = interval(after)
+    return {
+        "metric": METRIC,
+        "held_out": {
+            "before": root_mean_square(before), "after": root_mean_square(after), "floor": 1.0, "low": low,
+            "high": high,
+        },
+    }  # fmt: skip
+
+
+def _p_value(nominal: Attempt) -> float:
+    """Of the nominal model's level, from the scatter of its segments; not below one in a thousand."""
+    from scipy.stats import norm
+
+    each = np.concatenate([
+        p.local[m > 0] / m[m > 0] for p in nominal.fit.passes for m in [(p.used > 0.0).sum(axis=(1, 2))]
+    ])  # fmt: skip
+    spread = max(float(np.std(np.sort(each)[: round(0.9 * len(each))])), 0.05) * 3.0 / np.sqrt(len(each))
+    excess = nominal.misfit - 1.1
+    return float(max(1e-3, norm.sf(excess / max(spread, 0.03))))
+
+
+def _place(best: Attempt, where: dict[str, Any]) -> tuple[str | None, str | None]:
+    if not best.hypotheses:
+        return None, None
+    first = best.hypotheses[0]
+    return first.body, first.direction
+
+
+def _effects(best: Attempt, numbers: Sequence[Any], chance: dict[int, float]) -> list[dict[str, Any]]:
+    found, place = [], 1
+    for hypothesis in best.hypotheses:
+        parameters = {}
+        for i, unknown in enumerate(hypothesis.unknowns):
+            number = numbers[place + i]
+            unit = hypothesis.effect.parameter(unknown.name).unit if hypothesis.effect else ""
+            off = float(hypothesis.off[i])
+            parameters[unknown.name] = {
+                "value": number.value, "unit": unit, "low": number.low, "high": number.high,
+                "off": off if np.isfinite(off) else None,
+            }  # fmt: skip
+        place += len(hypothesis.unknowns)
+        found.append(
+            {
+                "name": hypothesis.name, "kind": hypothesis.kind, "body": hypothesis.body,
+                "direction": hypothesis.direction, "probability": round(chance[id(best)], 4),
+                "parameters": parameters,
+            }
+        )  # fmt: skip
+    return found
+
+
+def _ranking(explanation: Explanation, chance: dict[int, float]) -> list[dict[str, Any]]:
+    samples = sum(p.samples for p in explanation.nominal.fit.passes)
+    rows = []
+    for attempt in sorted(explanation.attempts, key=penalised):
+        numbers = estimates(attempt)
+        effects = _effects(attempt, numbers, chance)
+        rows.append(
+            {
+                "name": " + ".join(h.label for h in attempt.hypotheses),
+                "kind": attempt.hypotheses[-1].kind,
+                "log_likelihood_gain": 0.5 * samples * (explanation.nominal.misfit - attempt.misfit),
+                "p_value": None,
+                "parameters": {k: v for e in effects for k, v in e["parameters"].items()},
+                "asserted": attempt is explanation.best and explained(attempt),
+                "note": f"misfit {attempt.misfit:.3g} (1 is perfect)",
+            }
+        )
+    for candidate in explanation.candidates[:20]:
+        label = candidate.hypothesis.label
+        if all(label not in str(row["name"]) for row in rows):
+            rows.append(
+                {
+                    "name": label, "kind": candidate.hypothesis.kind, "log_likelihood_gain": None,
+                    "p_value": None, "parameters": {}, "asserted": False,
+                    "note": f"screened out: free runs stay {candidate.distance:.3f} standard deviations away",
+                }
+            )  # fmt: skip
+    return rows
+
+
+def _overlays(before: Attempt, after: Attempt) -> list[dict[str, Any]]:
+    """Recorded beside the one-step predictions of both models, for the first held-out recording."""
+    found = []
+    one, two = before.fit.passes[0], after.fit.passes[0]
+    measured = after.followers[0].measured
+    n = min(_SHOWN // 10, len(two.predicted), len(one.predicted))
+    shift = measured.values[:n]
+    for i, channel in enumerate(measured.channels):
+        same = before.followers[0].measured.values[:n, :, i]
+        aligned = same.shape == shift[..., i].shape and bool(np.allclose(same, shift[..., i]))
+        found.append(
+            {
+                "channel": channel, "unit": "m/s²" if measured.signals[i] < 10 else "",
+                "time_s": (np.arange(n * 10) / measured.chain.rate).round(7).tolist(),
+                "recorded": shift[..., i].ravel().round(4).tolist(),
+                "before": one.predicted[:n, :, i].ravel().round(4).tolist() if aligned else None,
+                "after": two.predicted[:n, :, i].ravel().round(4).tolist(),
+            }
+        )  # fmt: skip
+    return found
+
+
+def _checks(errors: Sequence[Innovations]) -> dict[str, Any]:
+    """Whiteness and normalised innovation squared of the final model (Bar-Shalom et al. 2001, ch. 5)."""
+    channels = errors[0].channels
+    lags = range(1, 11)
+    stacked = [one.values for one in errors]
+    correlation: dict[str, list[float]] = {}
+    for i, channel in enumerate(channels):
+        correlation[channel] = []
+        for lag in lags:
+            top = sum(float((v[:-lag, i] * v[lag:, i]).sum()) for v in stacked)
+            correlation[channel].append(top / max(sum(float((v[:, i] ** 2).sum()) for v in stacked), 1e-12))
+    squares = np.concatenate([v.ravel() ** 2 for v in stacked])
+    half = 1.96 * np.sqrt(2.0 / len(squares))
+    return {
+        "channels": list(channels),
+        "whiteness": [correlation[c][0] for c in channels],
+        "autocorrelation": correlation,
+        "normalised_innovation_squared": {
+            "value": float(squares.mean()), "low": 1.0 - half, "high": 1.0 + half,
+        },
+    }  # fmt: skip
+
+
+def _next_experiment(others: Sequence[Attempt], recordings: Sequence[Measured]) -> str | None:
+    if len(others) < 2:
+        return None
+    lacking = [c for c in ("slider_horizontal", "slider_vertical", "crank_b_transverse") if c not in recordings[0].channels]
+    if lacking:
+        return f"record {lacking[0]} too: these explanations differ there"
+    return "record at a clearly different speed: forces of contact, friction and gravity scale differently with it"

@@ -1,0 +1,144 @@
+"""From attempts to what is asserted: a verdict, effects with intervals, and what cannot be told apart."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clearance.diagnosis.explain import Explanation, explained, penalised
+from clearance.diagnosis.fit import Fit
+from clearance.diagnosis.search import Attempt
+
+_BLOCK = 5  # segments that count as one in the robust covariance
+_ALIKE = 12.0  # difference of penalised sums of squares below which two explanations are equivalent
+_WORSE = 1.02  # and ratio of their levels
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def deviations(fit: Fit) -> np.ndarray:
+    """(P,) standard deviations of shared parameters: the larger of the model's own and the block-robust ones.
+
+    Reference: White 1982, Econometrica 50(1), 1-25 (sandwich); blocks, since neighbouring segments share
+    what the states could not explain.
+    """
+    model = fit.model
+    shared, count = model.shared, len(model.unknowns)
+    own = count - shared
+    inverse = np.linalg.pinv(fit.information)
+    total = len(fit.information)
+    middle = np.zeros((total, total))
+    for r, one in enumerate(fit.passes):
+        places = [*range(shared), *range(shared + r * own, shared + (r + 1) * own)]
+        scale = 1.0 / np.array([model.step(fit.values[r], i) for i in range(count)])
+        scores = one.parts * scale
+        blocks = len(scores) // _BLOCK
+        summed = scores[: blocks * _BLOCK].reshape(blocks, _BLOCK, count).sum(axis=1)
+        middle[np.ix_(places, places)] += summed.T @ summed
+    robust = np.sqrt(np.maximum(np.diag(inverse @ middle @ inverse), 0.0))
+    plain = np.sqrt(np.maximum(np.diag(inverse), 0.0))
+    return np.maximum(robust, plain)[:shared]
+
+
+def estimates(attempt: Attempt) -> list[Estimate]:
+    """Shared parameters, the clearance first, with intervals inside the parameters' bounds."""
+    found = []
+    for i, sd in enumerate(deviations(attempt.fit)):
+        unknown, value = attempt.model.unknowns[i], float(attempt.fit.values[0, i])
+        found.append(
+            Estimate(value, max(value - 1.96 * sd, unknown.low), min(value + 1.96 * sd, unknown.high))
+        )
+    return found
+
+
+def equivalents(explanation: Explanation) -> list[Attempt]:
+    """Attempts that the recordings cannot tell from the best one, itself first."""
+    best = explanation.best
+    if not explained(best):
+        return [best]
+    samples = sum(p.samples for p in best.fit.passes)
+    limit = penalised(best) + _ALIKE * samples**0.5 / 10.0
+    alike = [
+        a
+        for a in explanation.attempts
+        if a is not best
+        and explained(a)
+        and penalised(a) < limit
+        and a.level < _WORSE * best.level
+        and {h.name for h in a.hypotheses} != {h.name for h in best.hypotheses}
+    ]
+    return [best, *sorted(alike, key=penalised)]
+
+
+def verdict_of(explanation: Explanation) -> str:
+    """None, physics, ambiguous or unknown."""
+    best = explanation.best
+    if not best.hypotheses:
+        return "none" if explained(best) else "unknown"
+    if not explained(best):
+        return "unknown"
+    if len(equivalents(explanation)) > 1:
+        return "ambiguous"
+    kinds = {h.kind for h in best.hypotheses}
+    return "mixed" if len(kinds) > 1 else kinds.pop()
+
+
+def probabilities(explanation: Explanation) -> dict[int, float]:
+    """Of each attempt, by its index, among all: exp(-difference / 2) of penalised sums of squares."""
+    every = [explanation.nominal, *explanation.attempts]
+    prices = np.array([penalised(a) for a in every])
+    weights = np.exp(-0.5 * (prices - prices.min()))
+    weights /= weights.sum()
+    return {id(a): float(w) for a, w in zip(every, weights, strict=True)}
+
+
+def sentences(
+    verdict: str, explanation: Explanation, joint: str, fit: dict[str, Any], channels: Sequence[str]
+) -> list[str]:
+    """The diagnosis in plain words, the headline first."""
+    best, nominal = explanation.best, explanation.nominal
+    before, after = nominal.fit.values[0, 0] * 1e3, best.fit.values[0, 0] * 1e3
+    held = fit["held_out"]
+    if verdict == "none":
+        return [
+            f"Nothing is missing that these recordings could show: the clearance of joint {joint} is "
+            f"{after:.4f} mm, and one-step errors are those of the noise ({held['after']:.2f}, floor 1.00)."
+        ]
+    gain = f"With it, held-out error falls from {held['before']:.3g} to {held['after']:.3g} (floor 1.00)"
+    if verdict == "unknown" and not best.hypotheses:
+        return [
+            "Something is missing that none of the tried hypotheses explains: the nominal model's errors are "
+            f"{held['before']:.3g} times those of a perfect one.",
+            f"It shows most in {', '.join(channels)}.",
+        ]
+    lines = []
+    place = 1
+    values = estimates(best)
+    for hypothesis in best.hypotheses:
+        count = len(hypothesis.unknowns)
+        shown = {}
+        if hypothesis.effect is not None:
+            for i, unknown in enumerate(hypothesis.unknowns):
+                parameter, e = hypothesis.effect.parameter(unknown.name), values[place + i]
+                shown[unknown.name] = f"{parameter.text(e.value)} ({parameter.text(e.low)} to {parameter.text(e.high)})"
+            lines.append(hypothesis.effect.describe(shown, joint))
+        place += count
+    if verdict == "unknown":
+        lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
+    others = equivalents(explanation)[1:]
+    if others:
+        names = " or ".join(" with ".join(h.name for h in a.hypotheses) for a in others)
+        lines.append(f"With these sensors it cannot be told from {names}.")
+    lines.append(
+        f"It shows in {', '.join(channels)}. {gain} and the clearance estimate changes from {before:.4f} to "
+        f"{after:.4f} mm."
+    )
+    return lines
