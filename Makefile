@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 RUN := $(BIN)/python -m
 
-.PHONY: help train test test-all lint type arch simulate bench results tensorboard wheel clean
+.PHONY: help train test test-all lint type arch simulate diagnose bench results tensorboard wheel clean
 help:            ## list the targets
 	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 16
 
@@ -19,6 +19,9 @@ train: $(READY)  ## make the environment, simulate a data set, train the LSTM on
 
 simulate: $(READY)  ## simulate 1000 runs with clearance in joint C
 	$(RUN) clearance.simulate runs=1000 seed=1 joint=C
+
+diagnose: $(READY)  ## demonstrate the diagnosis on a simulated machine with friction on its guide
+	$(RUN) clearance.diagnose
 
 test: $(READY) lint type arch  ## everything that must pass before a change lands (under 10 minutes on two cores)
 	OMP_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile -m 'not slow and not gpu'

@@ -34,11 +34,15 @@ JOINTS = ("B", "C")
 def main(cfg: DictConfig) -> None:
     """Diagnose recordings; write ``diagnosis.json``, ``report.html`` and ``corrected.yaml``."""
     folder = Path(HydraConfig.get().runtime.output_dir)
-    joint = str(cfg.joint)
+    joint = str(cfg.joint.name)
     if joint not in JOINTS:
-        raise InputError(f"joint = {joint!r} is not one of {', '.join(JOINTS)}; change joint")
+        raise InputError(
+            f"joint={joint}: a diagnosis needs the joint that has the clearance; joint=B or joint=C"
+        )
     setting = Setting(instantiate(cfg.mechanism, _convert_="all"), joint)
-    hypotheses: Any = OmegaConf.to_container(cfg.hypotheses) if OmegaConf.is_list(cfg.hypotheses) else cfg.hypotheses
+    hypotheses: Any = (
+        OmegaConf.to_container(cfg.hypotheses) if OmegaConf.is_list(cfg.hypotheses) else cfg.hypotheses
+    )
     effects = load_effects(hypotheses, list(cfg.without))
     groups = gather(effects, setting.with_clearance(3e-4), joint)
     low, high = (float(v) * 3.141592653589793 / 30.0 for v in cfg.speed_range)

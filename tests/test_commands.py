@@ -220,10 +220,13 @@ def test_a_folder_named_by_overrides_needs_no_quotes():
 
 
 def test_an_error_that_ctrl_c_caused_is_reported_as_an_interruption(capsys):
-    with pytest.raises(SystemExit) as left, _reported():
+    def interrupted_between_two_steps():
         try:
             raise KeyboardInterrupt
         finally:
             raise RuntimeError("a library that was interrupted between two steps")
+
+    with pytest.raises(SystemExit) as left, _reported():
+        interrupted_between_two_steps()
     assert left.value.code == 130
     assert "interrupted; the same command goes on from here" in capsys.readouterr().err

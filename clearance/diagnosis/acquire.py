@@ -24,7 +24,12 @@ _NOTHING = np.zeros((1, 0))
 
 
 def step_in(
-    follower: Follower, model: Model, values: np.ndarray, match: Match, length: int, ceiling: float = ANNEALING[0]
+    follower: Follower,
+    model: Model,
+    values: np.ndarray,
+    match: Match,
+    length: int,
+    ceiling: float = ANNEALING[0],
 ) -> tuple[np.ndarray, float, float]:
     """Fit the first stretch, then lengthen it while clearance and speed settle.
 
@@ -94,7 +99,9 @@ def follow_on(
     trouble = []
     while last < follower.segments:
         if last >= refit:
-            values = fit([follower], model, values[None], 3, 1e-2, 1, first=first, last=last, scale=scale).values[0]
+            values = fit(
+                [follower], model, values[None], 3, 1e-2, 1, first=first, last=last, scale=scale
+            ).values[0]
             machine, fixed = model.machine(values), _fixed(model, values)
             refit = last + max((last - first) // 2, 2)
         new = min(hop, follower.segments - last)
@@ -122,4 +129,17 @@ def follow_on(
 def _settle(
     follower: Follower, model: Model, first: int, last: int, scale: float = 1.0, doubt: float = _STEADY
 ) -> Fit:
-    return fit([follower], model, _NOTHING, 4, 5e-2, 1, mending=False, goal=GOAL, first=first, last=last, scale=scale, doubt=doubt)
+    return fit(
+        [follower],
+        model,
+        _NOTHING,
+        4,
+        5e-2,
+        1,
+        mending=False,
+        goal=GOAL,
+        first=first,
+        last=last,
+        scale=scale,
+        doubt=doubt,
+    )

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from clearance.diagnosis.hypothesis import Setting
-from clearance.mechanism.guide import StribeckGuide
 from clearance.mechanism.drive import SpeedControl
+from clearance.mechanism.guide import StribeckGuide
+from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.recording import Recording
 from clearance.simulation.integrator import Integrator
@@ -26,13 +27,19 @@ def demonstration(setting: Setting) -> dict[str, Recording]:
     machine = replace(
         setting.with_clearance(CLEARANCE), guide_friction=friction, drive=SpeedControl(SPEED, ramp=0.1)
     )
+    return {"demonstration": record(machine, 1)}
+
+
+def record(machine: SliderCrank, seed: int) -> Recording:
+    """All accelerations of a machine that runs in, with noise."""
     chain = MeasurementChain()
-    run = simulate_trajectory(machine, Integrator("runge_kutta_4", 2e-6, 5), _SETTLED + _DURATION + _MARGIN, 5)
+    duration = _SETTLED + _DURATION + _MARGIN
+    run = simulate_trajectory(machine, Integrator("runge_kutta_4", 2e-6, 5), duration, 5)
     first = round((_SETTLED - _MARGIN) * chain.base_rate)
     values = chain.apply(run.signals[first:, :ACCELERATIONS])[round(_MARGIN * chain.rate) :]
     values = values[: round(_DURATION * chain.rate)]
     moving = values.std(axis=0) > 1e-9
-    generator = np.random.default_rng(1)
-    noisy = values[:, moving] + _NOISE * values[:, moving].std(axis=0) * generator.normal(size=values[:, moving].shape)
+    values = values[:, moving]
+    noise = np.random.default_rng(seed).normal(size=values.shape)
     channels = tuple(Signal(int(i)).name.lower() for i in np.flatnonzero(moving))
-    return {"demonstration": Recording(noisy, channels, chain.rate)}
+    return Recording(values + _NOISE * values.std(axis=0) * noise, channels, chain.rate)

@@ -113,7 +113,10 @@ def eliminate(
         b[j, j] = damping[0, j]
     _reflect(r, b, nv, n, total)
     for ahead in range(2):  # segments 1 and 2 join the first
-        _join(flow, defect, inputs, own, damping, ahead, r, b, (ahead + 1) * nv, nz, nw, parameters, n, total)
+        place = (ahead + 1) * nv
+        _join(
+            flow, defect, inputs, own, damping, ahead, gram, parts, r, b, place, nz, nw, parameters, n, total
+        )
     for k in range(1, segments - 1):
         for i in range(rows):
             for j in range(total):
@@ -158,7 +161,25 @@ def eliminate(
             for i in range(2 * nv, n):
                 for j in range(total):
                     r[i, j] = 0.0
-            _join(flow, defect, inputs, own, damping, k + 1, r, b, 2 * nv, nz, nw, parameters, n, total)
+            place = 2 * nv
+            _join(
+                flow,
+                defect,
+                inputs,
+                own,
+                damping,
+                k + 1,
+                gram,
+                parts,
+                r,
+                b,
+                place,
+                nz,
+                nw,
+                parameters,
+                n,
+                total,
+            )
     for i in range(2 * nv):  # of the last two segments
         for j in range(2 * nv):
             kept[segments - 2 + i // nv, i % nv, j - (i // nv) * nv] = r[i + nv, j + nv]
@@ -174,6 +195,8 @@ def _join(
     own: np.ndarray,
     damping: np.ndarray,
     k: int,
+    gram: np.ndarray,
+    parts: np.ndarray,
     r: np.ndarray,
     b: np.ndarray,
     place: int,
@@ -202,6 +225,12 @@ def _join(
         b[nz + j, place + nz + j] = 1.0
         b[nz + j, total - 1] = -inputs[k + 1, j]
     _reflect(r, b, 2 * nv, n, total)
+    for i in range(2 * nv):  # what damping leaves over
+        for j in range(n, total):
+            for c in range(n, total):
+                gram[j - n, c - n] += b[i, j] * b[i, c]
+            if j < total - 1:
+                parts[k + 1, j - n] += b[i, j] * b[i, total - 1]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -8,10 +8,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from clearance.diagnosis.acquire import ANNEALING
 from clearance.diagnosis.alignment import align
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.measured import Measured
-from clearance.diagnosis.search import EXPLAINED, Attempt, Beginning, Candidate, begin, refine, screen
+from clearance.diagnosis.search import (
+    EXPLAINED,
+    FOLLOWED,
+    Attempt,
+    Beginning,
+    Candidate,
+    begin,
+    refine,
+    screen,
+)
 from clearance.diagnosis.start import distances
 from clearance.errors import InputError
 
@@ -22,8 +32,8 @@ CLEARANCES = tuple(np.geomspace(2e-5, 1.1e-3, 48))
 
 _PROMISING = 10  # hypotheses that are stepped in with after screening
 _FITTED = 3  # of them, that are fitted to all recordings
+_ELSEWHERE = 45  # segments further, where a second beginning is looked for
 _SHORT = 60  # segments that are followed to judge a hypothesis
-_MOST = 3  # effects at once
 
 
 @dataclass
@@ -103,7 +113,9 @@ class Search:
         turn = 2.0 * np.pi / abs(self.alignments[r].speed) / one.segment
         return int(min(max(60, 1.35 * turn), len(one.values) - 24))
 
-    def begin_all(self, hypotheses: Sequence[Hypothesis], rows: Sequence[np.ndarray]) -> list[Beginning]:
+    def begin_all(
+        self, hypotheses: Sequence[Hypothesis], rows: Sequence[np.ndarray], ceiling: float
+    ) -> list[Beginning]:
         """Step into every recording with a model, from candidate values."""
         model = self.setting.model(hypotheses)
 
@@ -111,26 +123,37 @@ class Search:
             known = self.alignments[r]
             return begin(
                 self.recordings[r], self.setting, model, rows, self.length(r), (0.0, 0.0),
-                (known.speed, known.angle, known.explained),
+                (known.speed, known.angle, known.explained), ceiling=ceiling,
             )  # fmt: skip
 
         with ThreadPoolExecutor(self.workers) as pool:
             return list(pool.map(one, range(len(self.recordings))))
 
-    def attempt(self, hypotheses: Sequence[Hypothesis], rows: Sequence[np.ndarray]) -> Attempt:
+    def attempt(
+        self, hypotheses: Sequence[Hypothesis], rows: Sequence[np.ndarray], patient: bool = True
+    ) -> Attempt:
         """Fit a model to all recordings."""
-        beginnings = self.begin_all(hypotheses, rows)
+        beginnings = self.begin_all(hypotheses, rows, ANNEALING[0])
         model = self.setting.model(hypotheses)
         values = np.array([b.values for b in beginnings])
         # what is shared: the values of the recording that is followed best
         leader = min(range(len(beginnings)), key=lambda r: beginnings[r].level * beginnings[r].scale ** 2)
         values[:, : model.shared] = values[leader, : model.shared]
         scale = max(b.scale for b in beginnings)
-        return refine(hypotheses, model, [b.follower for b in beginnings], values, scale, 8, self.workers)
+        return refine(
+            hypotheses,
+            model,
+            [b.follower for b in beginnings],
+            values,
+            scale,
+            8 if patient else 4,
+            self.workers,
+            patient,
+        )
 
     def nominal(self) -> Explanation:
         """Refit the nominal machine."""
-        found = self.attempt((), [np.array([c]) for c in self.clearances])
+        found = self.attempt((), [np.array([c]) for c in self.clearances], patient=False)
         self.report(f"nominal: misfit {found.misfit:.3g}, clearance {found.fit.values[0, 0] * 1e3:.4f} mm")
         return Explanation(found)
 
@@ -143,7 +166,9 @@ class Search:
             if all(group[0].name != h.name for h in held) and _single(group[0])
         }
         values = base.fit.values[0][:-1] if base is not None else self.clearances[:1]
-        clearances = base.fit.values[0, 0] * np.array([0.94, 1.0, 1.06]) if base is not None else self.clearances
+        clearances = [float(c) for c in self.clearances]
+        if base is not None:
+            clearances = [float(base.fit.values[0, 0] * factor) for factor in (0.94, 1.0, 1.06)]
         known = self.alignments[0]
         found = screen(
             self.recordings[0], self.setting, held, values, list(groups.values()), clearances, known.speed,
@@ -154,21 +179,29 @@ class Search:
         ceiling = max(1.0, reference.scale / 3.0)
 
         def quick(candidate: Candidate) -> tuple[float, Candidate, np.ndarray]:
-            row = np.concatenate([candidate.values[:1], values[1:], candidate.values[1:]])
+            rows = [np.concatenate([v[:1], values[1:], v[1:]]) for v in (candidate.values, *candidate.rows)]
             model = self.setting.model([*held, candidate.hypothesis])
-            try:
-                found = begin(
-                    self.recordings[0], self.setting, model, [row], _SHORT, (0.0, 0.0),
-                    (known.speed, known.angle, known.explained), ceiling=ceiling,
-                )  # fmt: skip
-            except InputError:
-                return np.inf, candidate, row
-            return found.level * found.scale**2, candidate, found.values[:-1]
+            best = (np.inf, candidate, rows[0])
+            for first in (3, 3 + _ELSEWHERE):  # a beginning can fail by bad luck: try another
+                try:
+                    found = begin(
+                        self.recordings[0], self.setting, model, rows, _SHORT, (0.0, 0.0),
+                        (known.speed, known.angle, known.explained), refine=False, first=first,
+                        ceiling=ceiling,
+                    )  # fmt: skip
+                except InputError:
+                    continue
+                misfit = found.level * found.scale**2
+                if misfit < best[0]:
+                    best = (misfit, candidate, found.values[:-1])
+                if misfit < FOLLOWED:
+                    break
+            return best
 
         self.report(f"[{self.seconds:.0f} s] stepping in with the {_PROMISING} nearest hypotheses")
         with ThreadPoolExecutor(self.workers) as pool:
             tried = sorted(pool.map(quick, found[:_PROMISING]), key=lambda one: one[0])
-        for misfit, candidate, row in tried:
+        for misfit, candidate, _ in tried:
             self.report(f"[{self.seconds:.0f} s] {candidate.hypothesis.label}: {misfit:.3g} at first")
         for misfit, candidate, row in tried[:_FITTED]:
             if misfit > max(4.0 * tried[0][0], 3.0) or misfit > reference.misfit:
@@ -181,10 +214,71 @@ class Search:
             explanation.attempts.append(attempt)
             self.report(f"[{self.seconds:.0f} s] {attempt.label}: misfit {attempt.misfit:.3g}")
 
+    def prune(self, explanation: Explanation) -> None:
+        """Take effects away from the best attempt as long as it explains as much without them."""
+        while len(explanation.best.hypotheses) > 1:
+            best = explanation.best
+            shorter = []
+            for left_out in range(len(best.hypotheses)):
+                held = [h for i, h in enumerate(best.hypotheses) if i != left_out]
+                if any(h.structural(self.setting.with_clearance(3e-4)) for h in best.hypotheses):
+                    continue
+                model = self.setting.model(held)
+                keep = [0]
+                place = 1
+                for i, hypothesis in enumerate(best.hypotheses):
+                    count = len(hypothesis.unknowns)
+                    keep += [] if i == left_out else range(place, place + count)
+                    place += count
+                values = best.fit.values[:, [*keep, place]]
+                shorter.append(refine(held, model, best.followers, values, ANNEALING[2], 8, self.workers))
+            explanation.attempts += shorter
+            for one in shorter:
+                self.report(f"[{self.seconds:.0f} s] {one.label}: misfit {one.misfit:.3g}")
+            if explanation.best is best:
+                break
+
+    def enlarge(self, explanation: Explanation) -> None:
+        """Try the variants of the best attempt's effects that have more parameters."""
+        best = explanation.best
+        for index, hypothesis in enumerate(best.hypotheses):
+            for group in self.groups.values():
+                larger = group[0]
+                names = {u.name for u in hypothesis.unknowns}
+                if larger.name != hypothesis.name or not names < {u.name for u in larger.unknowns}:
+                    continue
+                held = [*best.hypotheses[:index], larger, *best.hypotheses[index + 1 :]]
+                offset = 1 + sum(len(h.unknowns) for h in best.hypotheses[:index])
+                old = best.fit.values[:, offset : offset + len(hypothesis.unknowns)]
+                own = {u.name: old[:, i] for i, u in enumerate(hypothesis.unknowns)}
+                middle = np.stack(
+                    [
+                        own.get(u.name, np.full(len(old), _ready(larger, i)))
+                        for i, u in enumerate(larger.unknowns)
+                    ],
+                    axis=1,
+                )  # fmt: skip
+                values = np.concatenate(
+                    [best.fit.values[:, :offset], middle, best.fit.values[:, offset + old.shape[1] :]], axis=1
+                )
+                one = refine(
+                    held, self.setting.model(held), best.followers, values, best.scale, 8, self.workers
+                )
+                explanation.attempts.append(one)
+                self.report(f"[{self.seconds:.0f} s] {one.label}: misfit {one.misfit:.3g}")
+
     @property
     def seconds(self) -> float:
         """Since the start [s]."""
         return time.monotonic() - self.started
+
+
+def _ready(hypothesis: Hypothesis, i: int) -> float:
+    """Where a further parameter begins: off, or its plausible value where that is infinite or a shape."""
+    effect = hypothesis.effect
+    if (effect is not None and effect.free[i].shape) or not np.isfinite(hypothesis.off[i]):
+        return float(hypothesis.start[i])
+    return float(hypothesis.off[i])
 
 
 def _single(hypothesis: Hypothesis) -> bool:

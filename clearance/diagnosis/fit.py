@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from clearance.diagnosis.follow import INPUTS, Follower, Pass
+from clearance.diagnosis.follow import Follower, Pass
+from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
 
@@ -51,11 +52,10 @@ class Model:
     def columns(self, values: np.ndarray) -> list[SliderCrank]:
         """The machine with each unknown changed by its step (inwards at an upper bound)."""
         machines = []
-        for i, unknown in enumerate(self.unknowns):
+        for i in range(len(self.unknowns)):
             changed = values.copy()
             changed[i] += self.step(values, i)
             machines.append(self.machine(changed))
-            del unknown
         return machines
 
     def step(self, values: np.ndarray, i: int) -> float:
@@ -74,7 +74,6 @@ class Fit:
         information: (P, P) of all parameters: shared ones, then each recording's own [1/unit^2].
         cost: robust sum of squares.
         passes: the last linearisation of each recording.
-        evidence: -2 log marginal likelihood, up to what all models share.
     """
 
     model: Model
@@ -93,12 +92,6 @@ class Fit:
             p.local[m > 0] / m[m > 0] for p in self.passes for m in [(p.used > 0.0).sum(axis=(1, 2))]
         ])  # fmt: skip
         return float(np.sort(each)[: max(1, round(_QUIET * len(each)))].mean() / _QUIET_MEAN)
-
-    @property
-    def evidence(self) -> float:
-        """-2 log of the likelihood with the states integrated out; smaller is better."""
-        left = sum(float(p.gram[-1, -1]) + p.determinant for p in self.passes)
-        return left
 
     def deviations(self) -> np.ndarray:
         """(P,) standard deviations of all parameters."""
@@ -214,20 +207,16 @@ def fit(
             lows, highs = _flatten(low - values, model), _flatten(high - values, model)
             change = _spread(solve_bounded(information, score, lows, highs), model, len(followers))
             moved = values + change
-            for r, (follower, one) in enumerate(zip(followers, passes, strict=True)):
-                steps = np.array([model.step(values[r], i) for i in range(len(model.unknowns))])
-                follower.move(one.change(change[r] / steps), one.chart, first)
-            trial = observe(followers, model, moved, workers, **options)
-            if mending and _mend(followers, model, moved, passes, trial, first):
-                trial = observe(followers, model, moved, workers, **options)
-            new = sum(p.cost for p in trial)
-            if np.isfinite(new) and new < cost * (1.0 + 1e-9):
+            trial = _step(followers, model, values, moved, passes, first, workers, mending, options)
+            new = sum(p.cost for p in trial) if trial is not None else np.inf
+            if trial is not None and new < cost * (1.0 + 1e-9):
                 break
             for follower, path in zip(followers, paths, strict=True):
                 follower.path = path.copy()
             damping = max(30.0 * damping, 0.3)
         else:
             break
+        assert trial is not None
         fall, values, passes = cost - new, moved, trial
         cost = new
         settled = damping == 0.0
@@ -240,6 +229,32 @@ def fit(
         one.solve()
     information, _ = assemble(passes, model, values)
     return Fit(model, values, information, cost, passes)
+
+
+def _step(
+    followers: Sequence[Follower],
+    model: Model,
+    values: np.ndarray,
+    moved: np.ndarray,
+    passes: Sequence[Pass],
+    first: int,
+    workers: int,
+    mending: bool,
+    options: dict[str, object],
+) -> list[Pass] | None:
+    """Take a Gauss-Newton step and linearise again; ``None`` where it leads nowhere a machine can be."""
+    if not np.isfinite(moved).all():
+        return None
+    for r, (follower, one) in enumerate(zip(followers, passes, strict=True)):
+        steps = np.array([model.step(values[r], i) for i in range(len(model.unknowns))])
+        follower.move(one.change((moved - values)[r] / steps), one.chart, first)
+    try:
+        trial = observe(followers, model, moved, workers, **options)
+        if mending and _mend(followers, model, moved, passes, trial, first):
+            trial = observe(followers, model, moved, workers, **options)
+    except InputError:  # a law does not take these values
+        return None
+    return trial
 
 
 def _mend(
@@ -271,8 +286,8 @@ def mend(follower: Follower, machine: SliderCrank, first: int, last: int) -> flo
     inside = last < follower.segments
     for scale in (10.0, 3.0, 1.0):
         found = fit(
-            [follower], fixed, nothing, 4, 5e-2, 1, mending=False, goal=GOAL if scale == 1.0 else 0.0, first=first, last=last, scale=scale,
-            doubt=_KNOWN, inside=inside,
+            [follower], fixed, nothing, 4, 5e-2, 1, mending=False, goal=GOAL if scale == 1.0 else 0.0,
+            first=first, last=last, scale=scale, doubt=_KNOWN, inside=inside,
         )  # fmt: skip
     return found.cost / max(found.passes[0].samples, 1)
 
@@ -294,7 +309,9 @@ _KNOWN = 1e-3  # factor on the doubt of a node that stays where it is
 def _stiffness(model: Model, values: np.ndarray) -> np.ndarray:
     """(P,) inverse squares of the changes that the parameters surely bear."""
     shared = model.shared
-    reach = np.array([u.reach or _REACH * max(abs(v), u.step) for u, v in zip(model.unknowns, values[0], strict=True)])
+    reach = np.array(
+        [u.reach or _REACH * max(abs(v), u.step) for u, v in zip(model.unknowns, values[0], strict=True)]
+    )
     own = np.tile(reach[shared:], len(values))
     return 1.0 / np.concatenate([reach[:shared], own]) ** 2
 
@@ -305,6 +322,3 @@ _REACH = 0.05  # of a parameter's value, where nothing else is said
 def _flatten(rows: np.ndarray, model: Model) -> np.ndarray:
     shared = model.shared
     return np.concatenate([rows[0, :shared], rows[:, shared:].ravel()])
-
-
-__all__ = ["INPUTS", "Fit", "Model", "Unknown", "fit", "replace"]

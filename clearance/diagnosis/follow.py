@@ -19,7 +19,7 @@ from clearance.mechanism.parameters import JOINT_STRIDE, Family, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.batch import aligned
 from clearance.simulation.integrator import Integrator
-from clearance.simulation.layout import SIGNALS, STATES
+from clearance.simulation.layout import SIGNALS, STATES, State
 from clearance.simulation.shooting import WORK_ROWS, shoot
 
 OUTLIER = 4.0  # standard deviations beyond which a row loses weight (Huber)
@@ -33,18 +33,6 @@ INPUTS: tuple[Parameter, ...] = (
     Parameter.FORCE_SLIDER_X,
 )
 """Unknown forces, one for each coordinate that the sensors can tell apart."""
-
-
-@dataclass(frozen=True)
-class Columns:
-    """Machines that differ from the present one in one parameter each: directions of differentiation.
-
-    Attributes:
-        machines: the changed machines.
-        sizes: what each change counts as, in units of the parameter.
-    """
-
-    machines: tuple[SliderCrank, ...] = ()
 
 
 @dataclass
@@ -251,7 +239,7 @@ class Follower:
         jacobian[:-1, 2] *= used[1:, ..., None]
         jacobian[1:, 0] *= used[:-1, ..., None]
         rows = SAMPLES * channels
-        jacobian = jacobian.reshape(n, 3, rows, nv)
+        blocks = jacobian.reshape(n, 3, rows, nv)
         direct = shared[:, 1]
         direct[1:] += shared[:-1, 2]
         direct[:-1] += shared[1:, 0]
@@ -263,7 +251,7 @@ class Follower:
         if inside:
             held[-1] = _FAST
         system = (
-            flow, defect * kink, inputs, own, chart.doubt(self.path.nodes[first]) * doubt, held, jacobian,
+            flow, defect * kink, inputs, own, chart.doubt(self.path.nodes[first]) * doubt, held, blocks,
             np.ascontiguousarray(direct.reshape(n, rows, parameters)), (residual * used).reshape(n, rows),
         )  # fmt: skip
         reach = np.concatenate([chart.reach, np.full(nw, np.inf)])
@@ -281,14 +269,12 @@ class Follower:
 
     def extend(self, machine: SliderCrank, start: int, count: int) -> None:
         """Predict ``count`` nodes after ``start`` by running the machine on."""
-        chart = Chart.of(machine)
         for k in range(start, start + count):
-            ends, *_ = self._shoot(machine, [machine] * 0, [], k, k + 1)
-            time = self.path.nodes[k + 1, 23]
+            ends, *_ = self._shoot(machine, [], [], k, k + 1)
+            time = self.path.nodes[k + 1, State.TIME]
             self.path.nodes[k + 1] = ends[0, 0]
-            self.path.nodes[k + 1, 23] = time
+            self.path.nodes[k + 1, State.TIME] = time
             self.path.inputs[k + 1] = self.path.inputs[k]
-        del chart
 
     def _differentiate(
         self,
@@ -365,8 +351,10 @@ class Follower:
     def _predict(self, first: int, last: int, points: np.ndarray) -> np.ndarray:
         """Filtered prediction from the motion of the stretch and of what is known beside it."""
         filtered = list(self.measured.signals[: self.measured.filtered])
-        low, high = max(first - REACH, 0), min(last + REACH, self.segments)
-        motion = self.signals[low:high][:, :, filtered]
+        low, high = first - REACH, last + REACH
+        motion = np.full((high - low, self.periods, len(filtered)), np.nan)
+        begin, end = max(low, 0), min(high, self.segments)
+        motion[begin - low : end - low] = self.signals[begin:end][:, :, filtered]
         known = np.isfinite(motion[:, 0, 0]) if len(filtered) else np.ones(high - low, dtype=bool)
         for k in np.flatnonzero(~known):  # unknown motion stays as it is where knowledge ends
             near = np.flatnonzero(known)[np.argmin(np.abs(np.flatnonzero(known) - k))]
@@ -382,7 +370,9 @@ class Follower:
 
 STRUCTURE = (Family.JOINT_B, Family.JOINT_C, Family.GUIDE, Family.LINK, Family.FRAME)
 _SMOOTHING = (
-    Parameter.JOINT_FRICTION_SPEED, Parameter.JOINT_FRICTION_SPEED + JOINT_STRIDE, Parameter.GUIDE_FRICTION_SPEED
+    Parameter.JOINT_FRICTION_SPEED,
+    Parameter.JOINT_FRICTION_SPEED + JOINT_STRIDE,
+    Parameter.GUIDE_FRICTION_SPEED,
 )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """What may be missing: named effects, faults of instruments, and forces of free form, all fitted alike."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
 
@@ -68,7 +68,9 @@ def of_effect(effect: Effect, machine: SliderCrank, joint: str) -> list[Hypothes
         unknowns = []
         for parameter in effect.free:
             low, high = parameter.bounds
-            size = abs(start[parameter.name] - (off[parameter.name] if isfinite(off[parameter.name]) else 0.0))
+            size = abs(
+                start[parameter.name] - (off[parameter.name] if isfinite(off[parameter.name]) else 0.0)
+            )
             step = _STEP * max(size, 1e-3 * abs(start[parameter.name]), 1e-12)
             unknowns.append(Unknown(parameter.name, step, low, high, reach=0.3 * step / _STEP))
         names = effect.parameters
@@ -94,15 +96,17 @@ def free_form(
     periodic = argument == "crank_angle"
     spacing = None if periodic else (high - low) / (knots - 1)
     blank = TabulatedForce(body, direction, argument, 0.0 if periodic else low, spacing, (0.0,) * knots)
-    unknowns = tuple(Unknown(f"value_{k}", _STEP * size, -1e3 * size, 1e3 * size, reach=size) for k in range(knots))
+    unknowns = tuple(
+        Unknown(f"value_{k}", _STEP * size, -1e3 * size, 1e3 * size, reach=size) for k in range(knots)
+    )
 
     def apply(machine: SliderCrank, values: np.ndarray) -> SliderCrank:
         return replace(machine, force=replace(blank, values=tuple(map(float, values))))
 
     zero = np.zeros(knots)
     return Hypothesis(
-        f"free_form:{body}.{direction}({argument})", "free_form", body, direction, unknowns, zero, zero, apply,
-        table=blank,
+        f"free_form:{body}.{direction}({argument})", "free_form", body, direction, unknowns, zero, zero,
+        apply, table=blank,
     )  # fmt: skip
 
 
@@ -146,9 +150,7 @@ class Setting:
         return Model(unknowns, build)
 
 
-def gather(
-    effects: Sequence[Effect], machine: SliderCrank, joint: str
-) -> dict[str, list[Hypothesis]]:
+def gather(effects: Sequence[Effect], machine: SliderCrank, joint: str) -> dict[str, list[Hypothesis]]:
     """Hypotheses by label: of each variant of each physical effect, its trials."""
     found: dict[str, list[Hypothesis]] = {}
     for effect in effects:
@@ -162,6 +164,3 @@ def gather(
             if trials:
                 found[trials[0].label] = trials
     return found
-
-
-Values = Mapping[str, float]

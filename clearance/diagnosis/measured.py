@@ -29,6 +29,8 @@ def filter_weights(chain: MeasurementChain, samples: int, reach: int) -> np.ndar
             weights[row, sample * factor : (sample + 1) * factor] = response[
                 length + row - reach * samples - sample
             ]
+    for sample in range(samples):  # what is cut off must not change the gain at zero frequency
+        weights[sample::samples] /= weights[sample::samples].sum()
     return weights
 
 

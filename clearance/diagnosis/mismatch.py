@@ -38,7 +38,7 @@ class Innovations:
 
 
 def innovations(attempt: Attempt, joint: str, floor: Attempt | None = None) -> list[Innovations]:
-    """Innovations of each recording; ``floor`` gives what a perfect model's would be, else the model itself."""
+    """Innovations of each recording, over what a perfect model's would be: that of ``floor``, or its own."""
     found = []
     for r, (follower, one) in enumerate(zip(attempt.followers, attempt.fit.passes, strict=True)):
         inner = slice(EDGE + 1, -EDGE - 1)
@@ -80,7 +80,9 @@ def interval(errors: Sequence[Innovations], draws: int = 400) -> tuple[float, fl
     """95 % interval of ``root_mean_square`` by resampling blocks of ten segments (Kuensch 1989)."""
     generator = np.random.default_rng(0)
     blocks = [
-        (one.values[: len(one.values) // 100 * 100].reshape(-1, 10, 10 * one.values.shape[1]) ** 2).mean(axis=2)
+        (one.values[: len(one.values) // 100 * 100].reshape(-1, 10, 10 * one.values.shape[1]) ** 2).mean(
+            axis=2
+        )
         for one in errors
     ]
     rows = np.concatenate(blocks)
@@ -164,7 +166,7 @@ def summary(errors: Sequence[Innovations]) -> dict[str, Any]:
     stacked = np.concatenate([one.values for one in errors])
     excess = np.maximum((stacked**2).mean(axis=0) - 1.0, 0.0)
     share = excess / max(excess.sum(), 1e-12)
-    heat, significant = _heat(errors, channels)
+    heat, _ = _heat(errors, channels)
     total = np.sqrt((heat**2).mean(axis=0))
     loud = total > max(1.3, 0.5 * total.max())
     width = 360.0 / ANGLE_BINS

@@ -72,8 +72,8 @@ def diagnose(
     for one, found in zip(recordings, search.alignments, strict=True):
         if found.explained < _UNLIKELY:
             raise InputError(
-                f"{one.name}: this mechanism explains {max(found.explained, 0.0):.0%} of what it shows at its "
-                f"best speed ({found.speed * 30 / np.pi:.0f} rpm); is it another machine's, are channels "
+                f"{one.name}: this mechanism explains {max(found.explained, 0.0):.0%} of what it shows, at "
+                f"its best speed ({found.speed * 30 / np.pi:.0f} rpm); is it another machine's, are channels "
                 "swapped, or is its speed outside speed_range?"
             )
     explanation = search.nominal()
@@ -85,9 +85,12 @@ def diagnose(
         before = penalised(explanation.best)
         search.widen(explanation, held)
         keep(explanation)
+        if explanation.best.hypotheses and not explained(explanation.best):
+            search.enlarge(explanation)
         if penalised(explanation.best) > 0.7 * before:
             break
         held = explanation.best
+    search.prune(explanation)
     report(f"[{search.seconds:.0f} s] judging on held-out recordings")
     best, nominal = explanation.best, explanation.nominal
     after = _held_out(held_out, search, best)
@@ -168,7 +171,9 @@ def _held_out(held_out: Sequence[Measured], search: Search, attempt: Attempt) ->
     scale = max(b.scale for b in beginnings)
     values = np.array([b.values for b in beginnings])
     found = refine((), model, [b.follower for b in beginnings], values, scale, 6, search.workers)
-    found.fit.values = np.concatenate([np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1)
+    found.fit.values = np.concatenate(
+        [np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1
+    )
     return found
 
 
@@ -303,7 +308,11 @@ def _checks(errors: Sequence[Innovations]) -> dict[str, Any]:
 def _next_experiment(others: Sequence[Attempt], recordings: Sequence[Measured]) -> str | None:
     if len(others) < 2:
         return None
-    lacking = [c for c in ("slider_horizontal", "slider_vertical", "crank_b_transverse") if c not in recordings[0].channels]
+    lacking = [
+        c
+        for c in ("slider_horizontal", "slider_vertical", "crank_b_transverse")
+        if c not in recordings[0].channels
+    ]
     if lacking:
         return f"record {lacking[0]} too: these explanations differ there"
-    return "record at a clearly different speed: forces of contact, friction and gravity scale differently with it"
+    return "record at a clearly different speed: contact, friction and gravity scale differently with it"

@@ -1,7 +1,6 @@
 """Search: step into every recording, fit hypotheses to what was followed, from coarse to fine."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,14 +15,10 @@ from clearance.diagnosis.start import STRETCH, Match, distances, match
 from clearance.errors import InputError
 from clearance.simulation.integrator import Integrator
 
-GRID = (2e-5, 5e-5, 1e-4, 1.6e-4, 2.4e-4, 3.2e-4, 4.2e-4, 5.2e-4, 6.4e-4, 7.6e-4, 8.8e-4, 1e-3)
-"""Clearances [m] that are tried first."""
-
 FOLLOWED = 2.5  # robust cost a sample: above, a model does not follow at this scale of the noise
 EXPLAINED = 1.35  # and up to which nothing is left to explain
 TIGHT = np.array([1e-3, 1e-3, 1e-2])  # N m, N m, N: unknown forces that a right model does not need
 INTEGRATOR = Integrator("runge_kutta_4", 1e-5, 2)
-DEBUG = False
 _SEARCHED = 90  # segments over which the beginning is looked for
 
 
@@ -170,10 +165,12 @@ def refine(
     scale: float,
     iterations: int = 6,
     workers: int = 1,
+    patient: bool = True,
 ) -> Attempt:
     """Fit at a scale of the noise, then at smaller ones as long as the model follows.
 
-    The followers are not changed; the attempt has its own.
+    The followers are not changed; the attempt has its own. ``patient``: whether a scale at which the model
+    does not follow is tried twice.
     """
     own = [f.part(0, f.segments) for f in followers]
     best: Attempt | None = None
@@ -181,9 +178,7 @@ def refine(
         paths = [f.path.copy() for f in own]
         found = fit(own, model, values, iterations, 1e-2, workers, scale=s)
         level = found.level
-        if DEBUG:
-            print('    refine', [h.label for h in hypotheses], s, round(level, 3), found.values[0], flush=True)
-        if best is not None and level > FOLLOWED:
+        if patient and best is not None and level > FOLLOWED:
             # a good model often needs a second look where noise weighs ten times more
             found = fit(own, model, found.values, iterations, 1e-2, workers, scale=s)
             level = found.level
@@ -226,11 +221,13 @@ class Candidate:
         hypothesis: with the shapes of one trial.
         values: (1 + unknowns,) the clearance, then its parameters.
         distance: of the free run.
+        rows: values of the next nearest free runs.
     """
 
     hypothesis: Hypothesis
     values: np.ndarray
     distance: float
+    rows: tuple[np.ndarray, ...] = ()
 
 
 def screen(
@@ -310,10 +307,15 @@ def screen(
                 [u.high for u in candidate.hypothesis.unknowns],
             )  # fmt: skip
             jobs.append((g, candidate.hypothesis, values))
-    best = _best([*found, *run(jobs)], len(groups))
+    everything = sorted([*found, *run(jobs)], key=lambda pair: pair[1].distance)
+    best = _best(everything, len(groups))
+    for g, candidate in best.items():
+        alike = [c.values for k, c in everything if k == g and c.hypothesis is candidate.hypothesis]
+        best[g] = replace(candidate, rows=tuple(alike[1:_ROWS]))
     return sorted(best.values(), key=lambda c: c.distance)
 
 
+_ROWS = 5  # free runs of a hypothesis that may be stepped in with
 _COARSE, _REFINED, _FINE = 48, 14, 32  # simulations a hypothesis; hypotheses looked at closer; and again
 
 

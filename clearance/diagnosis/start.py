@@ -69,8 +69,7 @@ def match(
     run = simulate_trajectory(running, integrator, _DURATION)
     filtered = measured.filtered
     signals = run.signals[:, list(measured.signals)].copy()
-    fine = replace(chain, decimation=chain.decimation)
-    signals[:, :filtered] = smooth(fine, signals[:, :filtered])
+    signals[:, :filtered] = chain.smooth(signals[:, :filtered])
     angle = run.states[:, State.CRANK_ANGLE] * np.sign(speed)
     first = round(_SETTLE * chain.base_rate)
     use = _compared(measured)
@@ -111,17 +110,6 @@ def quick(drive: Drive) -> Drive:
     return replace(drive, ramp=0.0) if hasattr(drive, "ramp") else drive  # type: ignore[type-var]
 
 
-def smooth(chain, values):  # type: ignore[no-untyped-def]
-    """The chain's filter without its decimation."""
-    from scipy import signal
-
-    if chain.decimation == 1:
-        return values
-    sections = signal.cheby1(chain.filter_order, chain.ripple_db, chain.cutoff / chain.decimation, output="sos")
-    gain = np.prod(sections[:, :3].sum(axis=1) / sections[:, 3:].sum(axis=1))
-    return signal.sosfiltfilt(sections, values, axis=0, padtype="constant") / gain**2
-
-
 def distances(
     measured: Measured,
     machines: Sequence[SliderCrank],
@@ -153,7 +141,9 @@ def distances(
     rows = [measured.signals[i] for i in use]
     deviation = measured.values[..., use].std(axis=(0, 1))
     window = np.arange(0, STRETCH * SAMPLES * finer, finer)
-    data = np.stack([measured.values[k : k + STRETCH].reshape(-1, len(measured.signals))[:, use] for k in segments])
+    data = np.stack(
+        [measured.values[k : k + STRETCH].reshape(-1, len(measured.signals))[:, use] for k in segments]
+    )
     expected = (start_angle + speed * np.array(segments) * measured.segment) * np.sign(speed)
     found = np.full(len(machines), np.inf)
 

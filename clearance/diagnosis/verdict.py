@@ -128,7 +128,9 @@ def sentences(
         if hypothesis.effect is not None:
             for i, unknown in enumerate(hypothesis.unknowns):
                 parameter, e = hypothesis.effect.parameter(unknown.name), values[place + i]
-                shown[unknown.name] = f"{parameter.text(e.value)} ({parameter.text(e.low)} to {parameter.text(e.high)})"
+                shown[unknown.name] = (
+                    f"{parameter.text(e.value)} ({parameter.text(e.low)} to {parameter.text(e.high)})"
+                )
             lines.append(hypothesis.effect.describe(shown, joint))
         place += count
     if verdict == "unknown":

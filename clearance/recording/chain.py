@@ -69,6 +69,10 @@ class MeasurementChain:
         Returns:
             (ceil(samples / decimation), channels).
         """
+        return self.smooth(values)[:: self.decimation]
+
+    def smooth(self, values: np.ndarray) -> np.ndarray:
+        """Filter (samples, channels) at the base rate, without decimation."""
         from scipy import signal  # takes a second to import, which simulations need not wait for
 
         if self.decimation == 1:
@@ -77,8 +81,7 @@ class MeasurementChain:
             self.filter_order, self.ripple_db, self.cutoff / self.decimation, output="sos"
         )
         gain = np.prod(sections[:, :3].sum(axis=1) / sections[:, 3:].sum(axis=1))
-        filtered = signal.sosfiltfilt(sections, values, axis=0, padtype="constant")
-        return filtered[:: self.decimation] / gain**2
+        return np.asarray(signal.sosfiltfilt(sections, values, axis=0, padtype="constant")) / gain**2
 
 
 def declared_chain(chain: object) -> dict[str, Any]:

@@ -145,7 +145,6 @@ def test_damping_holds_states_as_further_rows():
     np.testing.assert_allclose(states.ravel(), expected, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.xfail(strict=True, reason="_join drops what damping rows leave over: gram lacks their share")
 def test_damped_parameters_are_those_of_dense_least_squares():
     chain = random_chain(damping=1.0)
     found, states = chain.solve()

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -89,22 +90,23 @@ def standardised(found):
 INSIDE = slice(6, -6)  # segments that feel nothing of what lies outside the recording
 
 
+@pytest.mark.parametrize("looseness", [1.0, 0.1])
 @pytest.mark.parametrize("seed", range(3))
-def test_innovations_at_the_true_nodes_have_the_stated_spread(seed):
-    found = follower(seed).look(MODEL.machine(TRUTH[0])).solve()
+def test_innovations_at_the_true_nodes_have_the_stated_spread(seed, looseness):
+    found = follower(seed).look(MODEL.machine(TRUTH[0]), looseness=looseness).solve()
     assert found.samples == (SEGMENTS - 2 * EDGE) * SAMPLES * len(SENSORS)
     assert (found.spread >= 1.0).all()
     ratio = (found.innovation / found.spread)[INSIDE]
-    # 3840 numbers whose squares have a variance of 2: four standard deviations are 9 %
+    # 3840 numbers whose squares have a variance of 2: four standard deviations are 9 %; the process noise,
+    # of which the data has none, makes 4 % of difference
     assert (ratio**2).mean() == pytest.approx(1.0, abs=0.1)
-    assert abs(ratio.mean()) < 0.1
+    assert abs(ratio.mean()) < 4.0 / np.sqrt(ratio.size)
     # one after the other they have nothing in common
     neighbours = (ratio[1:] * ratio[:-1]).mean()
     assert abs(neighbours) < 4.0 / np.sqrt(ratio.size)
     assert found.local[INSIDE].mean() / (SAMPLES * len(SENSORS)) == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.xfail(strict=True, reason="motion before and after the recording counts as zero, not as steady")
 @pytest.mark.parametrize("seed", range(3))
 def test_the_right_model_costs_one_a_sample_up_to_the_edges(seed):
     found = follower(seed).look(MODEL.machine(TRUTH[0]))
@@ -115,10 +117,7 @@ def test_the_right_model_costs_one_a_sample_up_to_the_edges(seed):
     "part",
     [
         INSIDE,
-        pytest.param(
-            slice(EDGE, -EDGE),
-            marks=pytest.mark.xfail(strict=True, reason="motion outside the recording counts as zero"),
-        ),
+        slice(EDGE, -EDGE),
     ],
 )
 def test_without_noise_prediction_and_recording_agree(part):
@@ -178,7 +177,7 @@ def test_a_fit_brings_disturbed_nodes_and_values_back(seed):
     found = fit(
         [one], MODEL, TRUTH * [1.01, 1.0005], 10, 1e-4, 1, report=lambda _, cost, __: costs.append(cost)
     )
-    assert all(b <= a * (1.0 + 1e-9) for a, b in zip(costs[:-1], costs[1:], strict=True))
+    assert all(b <= a * (1.0 + 1e-9) for a, b in pairwise(costs))
     assert found.passes[0].local[INSIDE].mean() / (SAMPLES * len(SENSORS)) == pytest.approx(1.0, abs=0.1)
     deviations = found.deviations()
     assert deviations[0] < 1e-3 * CLEARANCE

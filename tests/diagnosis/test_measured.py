@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from clearance.diagnosis.measured import ENCODER_COUNTS, REACH, SAMPLES, Measured, filter_weights, noise_level
+from clearance.diagnosis.measured import (
+    ENCODER_COUNTS,
+    REACH,
+    SAMPLES,
+    Measured,
+    chain_of,
+    filter_weights,
+    noise_level,
+)
 from clearance.errors import InputError
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.recording import Recording
@@ -104,12 +112,35 @@ def test_a_recording_is_cut_into_segments_accelerations_first():
     np.testing.assert_array_equal(measured.part(3, 9).values, measured.values[3:9])
 
 
-def test_a_silent_channel_is_told():
-    values = np.random.default_rng(9).normal(size=(400, 2))
-    values[:, 1] = 0.0
-    measured = Measured.of(Recording(values, ("rod_c_axial", "slider_vertical"), 1e4), CHAIN, "one")
-    silent = dict(zip(measured.channels, measured.silent, strict=True))
-    assert silent == {"rod_c_axial": False, "slider_vertical": True}
+def test_a_constant_channel_is_left_out_and_told():
+    values = np.random.default_rng(9).normal(size=(400, 3))
+    values[:, 1], values[:, 2] = 0.0, 7.0
+    names = ("rod_c_axial", "slider_vertical", "drive_torque")
+    measured = Measured.of(Recording(values, names, 1e4), CHAIN, "one")
+    assert measured.channels == ("rod_c_axial",)
+    assert measured.silent == ("slider_vertical", "drive_torque")
+    np.testing.assert_array_equal(measured.values[..., 0].ravel(), values[:, 0])
+    with pytest.raises(InputError, match="one: every channel is constant"):
+        Measured.of(Recording(np.zeros((400, 3)), names, 1e4), CHAIN, "one")
+
+
+def test_an_undeclared_chain_is_the_usual_one_at_the_recordings_rate():
+    assert chain_of(recording(), "one") == MeasurementChain()
+    fast = chain_of(recording(rate=2e5), "one")
+    assert (fast.rate, fast.decimation) == (2e5, 1)
+    slow = chain_of(recording(rate=4e3), "one")
+    assert slow.rate == pytest.approx(4e3)
+    assert slow.decimation == 25
+
+
+def test_a_declared_chain_must_end_at_the_recordings_rate():
+    declared = {"chain": {"base_rate": 5e4, "decimation": 5, "cutoff": 0.7}}
+    source = recording()
+    kept = Recording(source.values, source.channels, 1e4, metadata=declared)
+    assert chain_of(kept, "one") == MeasurementChain(base_rate=5e4, decimation=5, cutoff=0.7)
+    wrong = Recording(source.values, source.channels, 2e4, metadata=declared)
+    with pytest.raises(InputError, match="one: declares a chain that ends at 10000 Hz, but has 20000 Hz"):
+        chain_of(wrong, "one")
 
 
 def test_too_short_a_recording_is_refused():

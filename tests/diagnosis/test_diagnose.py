@@ -1,0 +1,112 @@
+"""The diagnosis as a user runs it: an effect is named and modelled; where nothing is missing, nothing is."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from clearance.diagnosis.demonstration import CLEARANCE, FRICTION, SPEED, record
+from clearance.diagnosis.effect import load_effects
+from clearance.diagnosis.hypothesis import Setting, gather
+from clearance.diagnosis.measured import Measured, chain_of
+from clearance.diagnosis.outcome import diagnose
+from clearance.mechanism.drive import SpeedControl
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.recording.files import write
+from tests.command_line import launch
+
+RPM = 3.141592653589793 / 30.0
+
+
+@pytest.fixture(scope="module")
+def demonstrated(tmp_path_factory):
+    home = tmp_path_factory.mktemp("home")
+    done = launch("diagnose", "hypotheses=[guide_friction]", "hydra.run.dir=run", folder=home)
+    assert done.returncode == 0, done.stderr
+    return home, done.stdout, json.loads((home / "run/diagnosis.json").read_text())
+
+
+def test_the_demonstration_names_the_friction_and_its_size(demonstrated):
+    _, output, found = demonstrated
+    assert found["verdict"] == "physics"
+    (effect,) = found["effects"]
+    assert (effect["name"], effect["body"], effect["direction"]) == ("guide_friction", "slider", "x")
+    force = effect["parameters"]["coulomb_force"]
+    assert force["value"] == pytest.approx(FRICTION, rel=0.01)
+    assert 0.0 < force["low"] < force["value"] < force["high"]
+    assert "of Coulomb friction" in output
+    assert found["summary"][0] in output
+
+
+def test_with_it_the_clearance_and_the_held_out_error_come_right(demonstrated):
+    _, _, found = demonstrated
+    assert found["clearance"]["after_m"] == pytest.approx(CLEARANCE, rel=2e-3)
+    held_out = found["fit"]["held_out"]
+    assert held_out["before"] > 2.0
+    assert held_out["after"] < 1.1
+
+
+def test_the_corrected_machine_is_simulated_by_the_other_commands(demonstrated):
+    home, _, _ = demonstrated
+    done = launch(
+        "simulate", "mechanism=run/corrected.yaml", "runs=1", "seed=1", "campaign.duration=0.3",
+        "campaign.record_start=0.1", "dataset=data", folder=home,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "coulomb_force" in (home / "run/corrected.yaml").read_text()
+
+
+def test_the_report_carries_the_very_numbers(demonstrated):
+    home, _, found = demonstrated
+    page = (home / "run/report.html").read_text()
+    assert found["summary"][0].split(":")[0] in page
+    assert json.dumps(found["clearance"]["after_m"]) in page
+
+
+@pytest.mark.parametrize(("joint", "clearance"), [("C", 5e-4), ("B", 2e-4)])
+def test_nothing_is_found_where_nothing_is_missing(joint, clearance):
+    setting = Setting(SliderCrank(), joint)
+    machine = replace(setting.with_clearance(clearance), drive=SpeedControl(SPEED, ramp=0.1))
+    recording = record(machine, 2)
+    whole = Measured.of(recording, chain_of(recording, "null"), "null")
+    cut = 2 * len(whole.values) // 3
+    groups = gather(load_effects("physics"), setting.with_clearance(3e-4), joint)
+    outcome = diagnose(
+        [whole.part(0, cut)],
+        [whole.part(cut, len(whole.values))],
+        setting,
+        groups,
+        (150 * RPM, 3000 * RPM),
+        workers=1,
+        most=1,
+        report=lambda _: None,
+    )
+    found = outcome.diagnosis
+    assert (found["verdict"], found["effects"]) == ("none", [])
+    assert found["clearance"]["after_m"] == pytest.approx(clearance, rel=2e-3)
+    assert found["fit"]["held_out"]["after"] < 1.1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (("joint=both",), "joint=B or joint=C"),
+        (("hypotheses=[gide_friction]",), "guide_friction"),
+        (("recordings=[nowhere.parquet]",), "nowhere.parquet"),
+    ],
+)
+def test_wrong_inputs_are_one_line(tmp_path, wrong, words):
+    done = launch("diagnose", *wrong, folder=tmp_path)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_a_recording_of_another_machine_is_said_to_be_one(tmp_path):
+    machine = replace(SliderCrank(), drive=SpeedControl(SPEED, ramp=0.1))
+    recording = record(machine, 3)
+    generator_like = recording.values[::-1] ** 2  # no slider-crank moves like that
+    write(replace(recording, values=generator_like), tmp_path / "other.parquet")
+    done = launch("diagnose", "recordings=[other.parquet]", folder=tmp_path)
+    assert done.returncode == 2
+    assert "other.parquet" in done.stderr
