@@ -29,7 +29,6 @@ def step_in(
     values: np.ndarray,
     match: Match,
     length: int,
-    ceiling: float = ANNEALING[0],
 ) -> tuple[np.ndarray, float, float]:
     """Fit the first stretch, then lengthen it while clearance and speed settle.
 
@@ -39,7 +38,6 @@ def step_in(
         values: (unknowns,) start.
         match: where to begin.
         length: segments to follow.
-        ceiling: scale of the noise above which a model is given up.
 
     Returns:
         (unknowns,) values; the path is followed from ``match.segment`` on for ``settled`` segments.
@@ -63,8 +61,6 @@ def step_in(
             [follower], model, values[None], 4, 5e-2, 1, goal=GOAL, first=first, last=last, scale=reached
         )  # fmt: skip
         level = found.level
-        if level > GOOD and reached > 0.99 * ceiling:
-            return values, reached, level
         if level > GOOD and reached < ANNEALING[0]:
             follower.path = before
             reached *= STEP

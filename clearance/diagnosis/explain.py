@@ -53,8 +53,8 @@ class Explanation:
 
     @property
     def best(self) -> Attempt:
-        """The attempt with the smallest penalised misfit."""
-        return min([self.nominal, *self.attempts], key=penalised)
+        """The attempt with the smallest penalised misfit, of those that may be asserted."""
+        return min([self.nominal, *(a for a in self.attempts if not a.withdrawn)], key=penalised)
 
 
 def penalised(attempt: Attempt) -> float:
@@ -113,9 +113,7 @@ class Search:
         turn = 2.0 * np.pi / abs(self.alignments[r].speed) / one.segment
         return int(min(max(60, 1.35 * turn), len(one.values) - 24))
 
-    def begin_all(
-        self, hypotheses: Sequence[Hypothesis], rows: Sequence[np.ndarray], ceiling: float
-    ) -> list[Beginning]:
+    def begin_all(self, hypotheses: Sequence[Hypothesis], rows: Sequence[np.ndarray]) -> list[Beginning]:
         """Step into every recording with a model, from candidate values."""
         model = self.setting.model(hypotheses)
 
@@ -123,7 +121,7 @@ class Search:
             known = self.alignments[r]
             return begin(
                 self.recordings[r], self.setting, model, rows, self.length(r), (0.0, 0.0),
-                (known.speed, known.angle, known.explained), ceiling=ceiling,
+                (known.speed, known.angle, known.explained),
             )  # fmt: skip
 
         with ThreadPoolExecutor(self.workers) as pool:
@@ -133,7 +131,7 @@ class Search:
         self, hypotheses: Sequence[Hypothesis], rows: Sequence[np.ndarray], patient: bool = True
     ) -> Attempt:
         """Fit a model to all recordings."""
-        beginnings = self.begin_all(hypotheses, rows, ANNEALING[0])
+        beginnings = self.begin_all(hypotheses, rows)
         model = self.setting.model(hypotheses)
         values = np.array([b.values for b in beginnings])
         # what is shared: the values of the recording that is followed best
@@ -166,7 +164,8 @@ class Search:
             if all(group[0].name != h.name for h in held) and _single(group[0])
         }
         values = base.fit.values[0][:-1] if base is not None else self.clearances[:1]
-        clearances = [float(c) for c in self.clearances]
+        # the nominal machine's clearance may be far off where something is missing: look everywhere
+        clearances = [float(c) for c in (*self.clearances[:3], *CLEARANCES[4::5])]
         if base is not None:
             clearances = [float(base.fit.values[0, 0] * factor) for factor in (0.94, 1.0, 1.06)]
         known = self.alignments[0]
@@ -176,7 +175,6 @@ class Search:
         )  # fmt: skip
         explanation.candidates = found if base is None else explanation.candidates
         reference = base if base is not None else explanation.nominal
-        ceiling = max(1.0, reference.scale / 3.0)
 
         def quick(candidate: Candidate) -> tuple[float, Candidate, np.ndarray]:
             rows = [np.concatenate([v[:1], values[1:], v[1:]]) for v in (candidate.values, *candidate.rows)]
@@ -187,13 +185,16 @@ class Search:
                     found = begin(
                         self.recordings[0], self.setting, model, rows, _SHORT, (0.0, 0.0),
                         (known.speed, known.angle, known.explained), refine=False, first=first,
-                        ceiling=ceiling,
                     )  # fmt: skip
                 except InputError:
                     continue
-                misfit = found.level * found.scale**2
+                closer = refine(
+                    [*held, candidate.hypothesis], model, [found.follower], found.values[None], found.scale,
+                    6, patient=False,
+                )  # fmt: skip
+                misfit = closer.misfit
                 if misfit < best[0]:
-                    best = (misfit, candidate, found.values[:-1])
+                    best = (misfit, candidate, closer.fit.values[0, :-1])
                 if misfit < FOLLOWED:
                     break
             return best
@@ -204,7 +205,8 @@ class Search:
         for misfit, candidate, _ in tried:
             self.report(f"[{self.seconds:.0f} s] {candidate.hypothesis.label}: {misfit:.3g} at first")
         for misfit, candidate, row in tried[:_FITTED]:
-            if misfit > max(4.0 * tried[0][0], 3.0) or misfit > reference.misfit:
+            hopeless = misfit > 0.3 * reference.misfit and misfit > tried[0][0]
+            if hopeless or misfit > max(4.0 * tried[0][0], 3.0) or misfit > reference.misfit:
                 continue
             try:
                 attempt = self.attempt([*held, candidate.hypothesis], [row])

@@ -270,7 +270,7 @@ def _mend(
     for r, (follower, before, after) in enumerate(zip(followers, old, new, strict=True)):
         rows = before.residual[0].size
         harmed = ~(after.local < before.local + 0.5 * rows) & ~(after.local < 3.0 * rows)
-        if not harmed.any() or harmed.mean() > 0.5:
+        if not harmed.any() or harmed.mean() > _MENDED:
             continue
         found = True
         machine = model.machine(values[r])
@@ -301,6 +301,7 @@ def islands(mask: np.ndarray, margin: int) -> list[tuple[int, int]]:
 
 GOAL = 1.2  # cost a sample of a stretch that is followed
 _QUIET, _QUIET_MEAN = 0.9, 0.975  # share of segments, and what they cost where all cost 1 on average
+_MENDED = 0.15  # share of segments; a step that harms more is a bad step
 _TRIES = 4  # of damping in one iteration
 _NEAR = 5  # segments around a harmed one that are fitted with it
 _KNOWN = 1e-3  # factor on the doubt of a node that stays where it is

@@ -14,7 +14,14 @@ from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.mismatch import Innovations, innovations, interval, locate, root_mean_square, summary
 from clearance.diagnosis.search import Attempt, begin, refine
-from clearance.diagnosis.verdict import equivalents, estimates, probabilities, sentences, verdict_of
+from clearance.diagnosis.verdict import (
+    equivalents,
+    estimates,
+    probabilities,
+    sentences,
+    verdict_of,
+    withdraw,
+)
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
@@ -91,6 +98,7 @@ def diagnose(
             break
         held = explanation.best
     search.prune(explanation)
+    withdraw(explanation)
     report(f"[{search.seconds:.0f} s] judging on held-out recordings")
     best, nominal = explanation.best, explanation.nominal
     after = _held_out(held_out, search, best)

@@ -80,7 +80,6 @@ def begin(
     known: tuple[float, float, float] | None = None,
     refine: bool = True,
     first: int = 3,
-    ceiling: float = ANNEALING[0],
 ) -> Beginning:
     """Step into a recording.
 
@@ -94,7 +93,6 @@ def begin(
         known: speed, angle and explained share, if they are.
         refine: whether clearances near the best one are tried too.
         first: segment from which on the beginning is looked for.
-        ceiling: scale of the noise above which a model is given up.
     """
     flat = measured.values.reshape(-1, len(measured.signals))
     speed, angle, explained = known or align(
@@ -118,7 +116,7 @@ def begin(
     follower = Follower(measured.part(segment, segment + length), INTEGRATOR, TIGHT.copy())
     local = replace(found, segment=0)
     try:
-        fitted, scale, level = step_in(follower, model, np.append(values, rpm), local, length, ceiling)
+        fitted, scale, level = step_in(follower, model, np.append(values, rpm), local, length)
     except (InputError, np.linalg.LinAlgError) as error:
         raise InputError(f"{measured.name}: cannot be followed ({error})") from None
     return Beginning(
@@ -137,6 +135,7 @@ class Attempt:
         scale: of the noise at which it follows.
         level: robust cost a sample at that scale.
         followers: with the paths of the fit.
+        withdrawn: whether it must not be asserted: one of its effects may as well be off.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -145,6 +144,7 @@ class Attempt:
     scale: float
     level: float
     followers: list[Follower]
+    withdrawn: bool = False
 
     @property
     def misfit(self) -> float:
@@ -289,25 +289,17 @@ def screen(
         report(f"screening {len(groups)} hypotheses with {len(jobs)} simulations")
     found = run(jobs)
     best = _best(found, len(groups))
-    ranked = sorted((c for c in best.values()), key=lambda c: c.distance)[:_REFINED]
-    jobs = []
-    for candidate in ranked:
-        g = next(k for k, v in best.items() if v is candidate)
-        off = candidate.hypothesis.off
-        shapes = _shapes(candidate.hypothesis)
-        for _ in range(_FINE):
-            values = candidate.values.copy()
-            values[0] *= np.exp(generator.normal(0.0, 0.06))
-            size = np.where(np.isfinite(off), values[1:] - off, values[1:])
-            factor = np.exp(generator.normal(0.0, 0.5, len(size)))
-            new = np.where(np.isfinite(off), off, 0.0) + size * factor
-            values[1:] = np.where(shapes, values[1:], new)
-            values[1:] = np.clip(
-                values[1:], [u.low for u in candidate.hypothesis.unknowns],
-                [u.high for u in candidate.hypothesis.unknowns],
-            )  # fmt: skip
-            jobs.append((g, candidate.hypothesis, values))
-    everything = sorted([*found, *run(jobs)], key=lambda pair: pair[1].distance)
+    for closeness in _CLOSER:
+        ranked = sorted(best.items(), key=lambda item: item[1].distance)[:_REFINED]
+        found += run(
+            [
+                (g, candidate.hypothesis, _near(candidate, closeness, generator))
+                for g, candidate in ranked
+                for _ in range(_FINE)
+            ]
+        )
+        best = _best(found, len(groups))
+    everything = sorted(found, key=lambda pair: pair[1].distance)
     best = _best(everything, len(groups))
     for g, candidate in best.items():
         alike = [c.values for k, c in everything if k == g and c.hypothesis is candidate.hypothesis]
@@ -316,7 +308,26 @@ def screen(
 
 
 _ROWS = 5  # free runs of a hypothesis that may be stepped in with
-_COARSE, _REFINED, _FINE = 48, 14, 32  # simulations a hypothesis; hypotheses looked at closer; and again
+_COARSE, _REFINED, _FINE = 64, 14, 24  # simulations a hypothesis; hypotheses looked at closer; and again
+_CLOSER = (1.0, 0.5)  # rounds of looking closer: their spread
+
+
+def _near(candidate: Candidate, closeness: float, generator: np.random.Generator) -> np.ndarray:
+    """Values drawn around: 6 % in the clearance, half in sizes, a third of a trial in shapes."""
+    hypothesis, values = candidate.hypothesis, candidate.values.copy()
+    values[0] *= np.exp(generator.normal(0.0, 0.06 * closeness))
+    shapes = _shapes(hypothesis)
+    for i, unknown in enumerate(hypothesis.unknowns):
+        off = hypothesis.off[i] if np.isfinite(hypothesis.off[i]) else 0.0
+        if not shapes[i]:
+            values[1 + i] = off + (values[1 + i] - off) * np.exp(generator.normal(0.0, 0.5 * closeness))
+        elif hypothesis.effect is not None and not hypothesis.effect.free[i].whole:
+            trials = hypothesis.effect.free[i].trials
+            if len(trials) > 1:
+                spacing = (max(trials) - min(trials)) / (len(trials) - 1)
+                values[1 + i] += generator.normal(0.0, 0.35 * closeness * spacing)
+        values[1 + i] = np.clip(values[1 + i], unknown.low, unknown.high)
+    return values
 
 
 def _best(found: Sequence[tuple[int, Candidate]], groups: int) -> dict[int, Candidate]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from clearance.diagnosis.explain import Explanation, explained, penalised
 from clearance.diagnosis.fit import Fit
+from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.search import Attempt
 
 _BLOCK = 5  # segments that count as one in the robust covariance
@@ -59,8 +60,28 @@ def estimates(attempt: Attempt) -> list[Estimate]:
     return found
 
 
+def withdraw(explanation: Explanation) -> None:
+    """Withdraw attempts with an effect whose every size may as well be off, until the best has none."""
+    while explanation.best.hypotheses:
+        best = explanation.best
+        numbers, place, sure = estimates(best), 1, True
+        for hypothesis in best.hypotheses:
+            sizes = [i for i in range(len(hypothesis.unknowns)) if not _shape(hypothesis, i)]
+            sure &= any(
+                not numbers[place + i].low <= hypothesis.off[i] <= numbers[place + i].high for i in sizes
+            )
+            place += len(hypothesis.unknowns)
+        if sure:
+            return
+        best.withdrawn = True
+
+
+def _shape(hypothesis: Hypothesis, i: int) -> bool:
+    return hypothesis.effect is not None and hypothesis.effect.free[i].shape
+
+
 def equivalents(explanation: Explanation) -> list[Attempt]:
-    """Attempts that the recordings cannot tell from the best one, itself first."""
+    """Attempts that cannot be told from the best one, itself first; not those that only add to it."""
     best = explanation.best
     if not explained(best):
         return [best]
@@ -70,10 +91,11 @@ def equivalents(explanation: Explanation) -> list[Attempt]:
         a
         for a in explanation.attempts
         if a is not best
+        and not a.withdrawn
         and explained(a)
         and penalised(a) < limit
         and a.level < _WORSE * best.level
-        and {h.name for h in a.hypotheses} != {h.name for h in best.hypotheses}
+        and not {h.name for h in best.hypotheses} <= {h.name for h in a.hypotheses}
     ]
     return [best, *sorted(alike, key=penalised)]
 

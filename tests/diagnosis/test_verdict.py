@@ -1,0 +1,67 @@
+"""What is asserted, withdrawn and called equivalent, from attempts with known numbers."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis import verdict
+from clearance.diagnosis.explain import Explanation
+from clearance.diagnosis.verdict import Estimate, equivalents, verdict_of, withdraw
+
+
+def attempt(names, misfit, kind="physics", off=0.0):
+    hypotheses = tuple(
+        SimpleNamespace(
+            name=n, kind=kind, unknowns=(SimpleNamespace(name="size"),), off=np.array([off]), effect=None
+        )
+        for n in names
+    )
+    passes = [SimpleNamespace(samples=10_000)]
+    return SimpleNamespace(
+        hypotheses=hypotheses, misfit=misfit, level=misfit, scale=1.0 if misfit < 2 else 10.0,
+        withdrawn=False,
+        fit=SimpleNamespace(passes=passes), model=SimpleNamespace(shared=1 + len(names)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("nominal", "others", "expected"),
+    [
+        (1.0, [], "none"),
+        (50.0, [], "unknown"),
+        (50.0, [attempt(["gravity"], 1.0)], "physics"),
+        (50.0, [attempt(["gravity"], 20.0)], "unknown"),
+        (50.0, [attempt(["gravity"], 1.0), attempt(["guide_friction"], 1.0005)], "ambiguous"),
+        (50.0, [attempt(["sensor_gain"], 1.0, "instrument")], "instrument"),
+    ],
+)
+def test_the_verdict_follows_from_what_explains(nominal, others, expected):
+    assert verdict_of(Explanation(attempt([], nominal), others)) == expected
+
+
+def test_an_explanation_that_only_adds_to_the_best_one_is_no_rival():
+    best, longer = attempt(["slider_spring"], 1.0), attempt(["torque_ripple", "slider_spring"], 1.0)
+    found = equivalents(Explanation(attempt([], 50.0), [best, longer]))
+    assert found == [best]
+
+
+def test_an_effect_that_may_as_well_be_off_is_withdrawn(monkeypatch):
+    doubtful = attempt(["gravity"], 0.99)
+    monkeypatch.setattr(
+        verdict, "estimates", lambda _: [Estimate(3e-4, 3e-4, 3e-4), Estimate(0.1, -0.1, 0.3)]
+    )
+    explanation = Explanation(attempt([], 1.0), [doubtful])
+    doubtful.misfit = doubtful.level = 0.9
+    assert explanation.best is doubtful
+    withdraw(explanation)
+    assert doubtful.withdrawn
+    assert verdict_of(explanation) == "none"
+
+
+def test_an_effect_whose_interval_excludes_off_stays(monkeypatch):
+    sure = attempt(["gravity"], 0.9)
+    monkeypatch.setattr(verdict, "estimates", lambda _: [Estimate(3e-4, 3e-4, 3e-4), Estimate(0.2, 0.1, 0.3)])
+    explanation = Explanation(attempt([], 1.0), [sure])
+    withdraw(explanation)
+    assert explanation.best is sure
