@@ -60,6 +60,17 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
     return decorate
 
 
+def threads(count: object) -> int | None:
+    """The number of threads that ``workers`` asks for; ``None``: all cores.
+
+    Raises:
+        InputError: it is no number of threads.
+    """
+    if count is None or (isinstance(count, int) and not isinstance(count, bool) and count > 0):
+        return count
+    raise InputError(f"workers = {count!r} is not a number of threads, 1 or more; change workers")
+
+
 @contextmanager
 def _reported(cfg: DictConfig | None = None) -> Iterator[None]:
     try:

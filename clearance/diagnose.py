@@ -3,6 +3,7 @@
 import logging
 import os
 import sys
+from math import pi
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
-from clearance.commands import command
+from clearance.commands import command, threads
 from clearance.diagnosis.demonstration import demonstration
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.explain import Explanation
@@ -45,8 +46,16 @@ def main(cfg: DictConfig) -> None:
     )
     effects = load_effects(hypotheses, list(cfg.without))
     groups = gather(effects, setting.with_clearance(3e-4), joint)
-    low, high = (float(v) * 3.141592653589793 / 30.0 for v in cfg.speed_range)
-    workers = cfg.workers or os.cpu_count() or 1
+    if not groups:
+        raise InputError(
+            f"hypotheses = {hypotheses}: no physical effect is left to try, and instruments"
+            "' faults are not fitted yet; change hypotheses or without"
+        )
+    low, high = _speeds(cfg.speed_range)
+    most = cfg.most_effects
+    if isinstance(most, bool) or not isinstance(most, int) or not 1 <= most <= 3:
+        raise InputError(f"most_effects = {most!r} is not a whole number from 1 to 3; change most_effects")
+    workers = threads(cfg.workers) or os.cpu_count() or 1
     channels = tuple(instantiate(cfg.sensors, _convert_="all").channels)
     if not cfg.recordings:
         log.info("no recordings given: a demonstration on a simulated machine with friction on its guide")
@@ -59,43 +68,58 @@ def main(cfg: DictConfig) -> None:
         ]
         write_json(folder / "progress.json", rows)
 
-    outcome = diagnose(
-        fitted, judged, setting, groups, (low, high), workers, int(cfg.most_effects), log.info, keep
-    )
+    outcome = diagnose(fitted, judged, setting, groups, (low, high), workers, most, log.info, keep)
     _write(folder, outcome)
-    sys.stdout.write("\n" + "\n".join(outcome.diagnosis["summary"]) + "\n")
+    lines = [*outcome.diagnosis["summary"], *outcome.diagnosis["warnings"]]
+    sys.stdout.write("\n" + "\n".join(lines) + "\n")
     log.info("verdict: %s; written to %s", outcome.diagnosis["verdict"], folder)
+
+
+def _speeds(given: Any) -> tuple[float, float]:
+    """The range of speeds [rad/s] from rpm."""
+    values = list(given) if OmegaConf.is_list(given) else [given]
+    numbers = [v for v in values if isinstance(v, int | float) and not isinstance(v, bool)]
+    if len(values) != 2 or len(numbers) != 2 or not 0.0 < numbers[0] < numbers[1]:
+        raise InputError(f"speed_range = {values} is not two rising speeds above 0 rpm; change speed_range")
+    return numbers[0] * pi / 30.0, numbers[1] * pi / 30.0
 
 
 def _load(
     cfg: DictConfig, setting: Setting, channels: tuple[str, ...]
 ) -> tuple[list[Measured], list[Measured]]:
-    """Recordings to fit and recordings to judge by."""
-    if cfg.recordings:
-        named = {str(path): corrected(read(Path(str(path)))) for path in cfg.recordings}
-    else:
-        named = demonstration(setting)
-    others = {str(path): corrected(read(Path(str(path)))) for path in cfg.held_out}
-    fitted, judged = [], []
-    for name, recording in named.items():
-        whole = Measured.of(_selected(recording, channels, name), chain_of(recording, name), name)
-        if others:
-            fitted.append(whole)
-            continue
-        cut = 2 * len(whole.values) // 3
-        fitted.append(whole.part(0, cut))
-        judged.append(whole.part(cut, len(whole.values)))
-    for name, recording in others.items():
-        judged.append(Measured.of(_selected(recording, channels, name), chain_of(recording, name), name))
-    return fitted, judged
+    """Recordings to fit and recordings to judge by, with the channels that all of them have."""
+    named = _read(cfg.recordings) or demonstration(setting)
+    others = _read(cfg.held_out)
+    everything = {**named, **others}
+    rates = {name: recording.rate for name, recording in everything.items()}
+    if len(set(rates.values())) > 1:
+        raise InputError(f"recordings: their rates differ ({rates} Hz); diagnose those of one rate together")
+    shared = [
+        c
+        for c in next(iter(everything.values())).channels
+        if (c in channels or c == "crank_angle") and all(c in r.channels for r in everything.values())
+    ]
+    if not any(c.startswith(("rod_", "slider_")) for c in shared):
+        raise InputError(
+            f"recordings: share {shared} of the channels {list(channels)}; at least one on rod or slider is "
+            "needed to follow the mechanism; change sensors or recordings"
+        )
+    measured = {
+        name: Measured.of(recording.select(shared), chain_of(recording, name), name)
+        for name, recording in everything.items()
+    }
+    if others:
+        return [measured[name] for name in named], [measured[name] for name in others]
+    cuts = {name: 2 * len(measured[name].values) // 3 for name in named}
+    return (
+        [measured[name].part(0, cut) for name, cut in cuts.items()],
+        [measured[name].part(cut, len(measured[name].values)) for name, cut in cuts.items()],
+    )
 
 
-def _selected(recording: Recording, channels: tuple[str, ...], name: str) -> Recording:
-    """The accelerations of the sensor set that are there, and an encoder."""
-    wanted = [c for c in recording.channels if c in channels or c == "crank_angle"]
-    if not any(c in channels for c in wanted):
-        raise InputError(f"{name}: has none of the channels {list(channels)}; change sensors")
-    return recording.select(wanted)
+def _read(paths: Any) -> dict[str, Recording]:
+    listed = paths if OmegaConf.is_list(paths) else [paths]
+    return {str(path): corrected(read(Path(str(path)))) for path in listed}
 
 
 def _write(folder: Path, outcome: Outcome) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
-from clearance.commands import command
+from clearance.commands import command, threads
 from clearance.errors import InputError
 
 log = logging.getLogger(__name__)
@@ -20,16 +20,10 @@ def _shard(text: str) -> tuple[int, int]:
     return part, parts
 
 
-def _workers(count: object) -> int | None:
-    if count is None or (isinstance(count, int) and not isinstance(count, bool) and count > 0):
-        return count
-    raise InputError(f"workers = {count!r} is not a number of threads, 1 or more; change workers")
-
-
 @command("simulate")
 def main(cfg: DictConfig) -> None:
     """Simulate what the data set lacks and say what it holds, or write recordings."""
-    campaign, workers = instantiate(cfg.campaign, _convert_="all"), _workers(cfg.workers)
+    campaign, workers = instantiate(cfg.campaign, _convert_="all"), threads(cfg.workers)
     if cfg.recordings:
         paths = campaign.export(cfg.recordings, workers)
         log.info("%d recordings in %s, from %s on", len(paths), cfg.recordings, paths[0].name)

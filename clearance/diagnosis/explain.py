@@ -108,10 +108,9 @@ class Search:
         return np.array(CLEARANCES)[np.argsort(away)[:6]]
 
     def length(self, r: int) -> int:
-        """Segments of a stretch: a revolution and a third, at most what there is."""
-        one = self.recordings[r]
-        turn = 2.0 * np.pi / abs(self.alignments[r].speed) / one.segment
-        return int(min(max(60, 1.35 * turn), len(one.values) - 24))
+        """Segments of a stretch of recording ``r``: a revolution and a third."""
+        turn = 2.0 * np.pi / abs(self.alignments[r].speed) / self.recordings[r].segment
+        return int(max(_SHORT, 1.35 * turn))
 
     def begin_all(self, hypotheses: Sequence[Hypothesis], rows: Sequence[np.ndarray]) -> list[Beginning]:
         """Step into every recording with a model, from candidate values."""

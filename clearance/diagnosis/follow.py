@@ -76,7 +76,6 @@ class Pass:
         reach: (nz + inputs,) change of each unknown that the linearisation surely bears.
         gram: (P + 1, P + 1) inner products of what the states cannot explain: parameters, residual.
         parts: (segments, P) shares of the segments in the gram's last column: their scores.
-        determinant: log determinant of the unknowns' information.
         innovation: (segments, samples, channels) residual against the prediction from earlier segments.
         spread: (segments, samples, channels) its standard deviation; both in those of the noise.
         kept: eliminated rows.
@@ -95,7 +94,6 @@ class Pass:
     reach: np.ndarray
     gram: np.ndarray = field(init=False)
     parts: np.ndarray = field(init=False)
-    determinant: float = field(init=False)
     innovation: np.ndarray = field(init=False)
     spread: np.ndarray = field(init=False)
     kept: np.ndarray = field(init=False)
@@ -116,8 +114,6 @@ class Pass:
         )  # fmt: skip
         shape = self.residual.shape
         self.innovation, self.spread = innovation.reshape(shape), spread.reshape(shape)
-        diagonal = np.abs(self.kept[:, np.arange(nv), np.arange(nv)])
-        self.determinant = float(2.0 * np.log(diagonal).sum())
         return self
 
     def change(self, parameters: np.ndarray) -> np.ndarray:
@@ -179,7 +175,6 @@ class Follower:
         looseness: float = 1.0,
         doubt: float = 1.0,
         inside: bool = False,
-        correction: np.ndarray | None = None,
     ) -> Pass:
         """Linearise segments ``first`` to ``last`` about the present path.
 
@@ -192,7 +187,6 @@ class Follower:
             looseness: factor on the process noise.
             doubt: factor on how far the first node may be wrong.
             inside: whether the path is known on both sides: the last node then stays where it is.
-            correction: (segments, samples, channels) added to the prediction: what the instruments do.
         """
         last = self.segments if last is None else last
         chart = Chart.of(machine)
@@ -216,8 +210,6 @@ class Follower:
         shared *= weight[:, None]
 
         predicted = self._predict(first, last, points)
-        if correction is not None:
-            predicted += correction
         residual = (self.measured.values[first:last] - predicted) * weight
         used = np.ones_like(residual)
         edge = 1 if inside else EDGE

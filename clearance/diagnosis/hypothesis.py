@@ -1,4 +1,4 @@
-"""What may be missing: named effects, faults of instruments, and forces of free form, all fitted alike."""
+"""What may be missing: named effects as models with unknown parameters, beside clearance and speed."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,7 +10,6 @@ from clearance.diagnosis.effect import Effect
 from clearance.diagnosis.fit import Model, Unknown
 from clearance.diagnosis.start import quick
 from clearance.errors import InputError
-from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import Drive
 from clearance.mechanism.joint import CLEARANCE_RANGE
 from clearance.mechanism.slider_crank import SliderCrank
@@ -24,8 +23,8 @@ class Hypothesis:
     """One thing that may be missing.
 
     Attributes:
-        name: of the effect, or ``free_form``.
-        kind: physics, instrument or free_form.
+        name: of the effect.
+        kind: physics or instrument.
         body: where it acts.
         direction: in which.
         unknowns: its parameters.
@@ -33,7 +32,6 @@ class Hypothesis:
         start: (unknowns,) plausible values.
         apply: the machine with it.
         effect: the named effect.
-        table: the free-form force, without its values.
     """
 
     name: str
@@ -45,7 +43,6 @@ class Hypothesis:
     start: np.ndarray
     apply: Callable[[SliderCrank, np.ndarray], SliderCrank] = field(repr=False)
     effect: Effect | None = None
-    table: TabulatedForce | None = None
 
     @property
     def label(self) -> str:
@@ -87,27 +84,6 @@ def of_effect(effect: Effect, machine: SliderCrank, joint: str) -> list[Hypothes
             )
         )  # fmt: skip
     return found
-
-
-def free_form(
-    body: str, direction: str, argument: str, low: float, high: float, knots: int, size: float
-) -> Hypothesis:
-    """A force as a table over one argument between ``low`` and ``high``; ``size`` is a plausible value."""
-    periodic = argument == "crank_angle"
-    spacing = None if periodic else (high - low) / (knots - 1)
-    blank = TabulatedForce(body, direction, argument, 0.0 if periodic else low, spacing, (0.0,) * knots)
-    unknowns = tuple(
-        Unknown(f"value_{k}", _STEP * size, -1e3 * size, 1e3 * size, reach=size) for k in range(knots)
-    )
-
-    def apply(machine: SliderCrank, values: np.ndarray) -> SliderCrank:
-        return replace(machine, force=replace(blank, values=tuple(map(float, values))))
-
-    zero = np.zeros(knots)
-    return Hypothesis(
-        f"free_form:{body}.{direction}({argument})", "free_form", body, direction, unknowns, zero, zero,
-        apply, table=blank,
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -92,6 +92,11 @@ class Measured:
         return SAMPLES / self.chain.rate
 
     @property
+    def seconds(self) -> float:
+        """Duration of all segments [s]."""
+        return len(self.values) * self.segment
+
+    @property
     def filtered(self) -> int:
         """Number of channels that passed the filter: the first ones."""
         return sum(s < Signal.CRANK_ANGLE for s in self.signals)

@@ -119,7 +119,7 @@ def diagnose(
         "verdict": verdict,
         "summary": sentences(verdict, explanation, joint, fit, channels or list(where["channels"])[:1]),
         "mismatch": {
-            "detected": verdict != "none", "p_value": _p_value(nominal), "body": body,
+            "detected": verdict != "none", "p_value": None, "body": body,
             "direction": direction, **where,
         },
         "effects": _effects(best, numbers, chance) if verdict not in ("none", "unknown") else [],
@@ -133,9 +133,9 @@ def diagnose(
         },
         "recordings": [
             {
-                "name": one.name, "seconds": len(one.values) * one.segment, "rate_hz": one.chain.rate,
+                "name": one.name, "seconds": one.seconds, "rate_hz": one.chain.rate,
                 "channels": list(one.channels), "speed_rpm": float(best.fit.values[r, -1]),
-                "held_out_seconds": 0.0,
+                "held_out_seconds": sum(o.seconds for o in held_out if o.name == one.name),
             }
             for r, one in enumerate(recordings)
         ],
@@ -168,7 +168,7 @@ def _held_out(held_out: Sequence[Measured], search: Search, attempt: Attempt) ->
     setting = search.setting
 
     def one(measured: Measured) -> Any:
-        length = int(min(max(map(search.length, range(len(search.recordings)))), len(measured.values) - 24))
+        length = max(map(search.length, range(len(search.recordings))))
         low, high = (abs(a.speed) for a in search.alignments), (abs(a.speed) for a in search.alignments)
         return begin(
             measured, setting, model, [np.zeros(0)], length, (0.5 * min(low), 2.0 * max(high)), refine=False
@@ -194,18 +194,6 @@ def _fit_numbers(before: Sequence[Innovations], after: Sequence[Innovations]) ->
             "high": high,
         },
     }  # fmt: skip
-
-
-def _p_value(nominal: Attempt) -> float:
-    """Of the nominal model's level, from the scatter of its segments; not below one in a thousand."""
-    from scipy.stats import norm
-
-    each = np.concatenate([
-        p.local[m > 0] / m[m > 0] for p in nominal.fit.passes for m in [(p.used > 0.0).sum(axis=(1, 2))]
-    ])  # fmt: skip
-    spread = max(float(np.std(np.sort(each)[: round(0.9 * len(each))])), 0.05) * 3.0 / np.sqrt(len(each))
-    excess = nominal.misfit - 1.1
-    return float(max(1e-3, norm.sf(excess / max(spread, 0.03))))
 
 
 def _place(best: Attempt, where: dict[str, Any]) -> tuple[str | None, str | None]:

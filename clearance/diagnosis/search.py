@@ -101,7 +101,11 @@ def begin(
     rpm = speed * 30.0 / np.pi
     last = min(first + _SEARCHED, len(measured.values) - length - 4)
     if last <= first:
-        raise InputError(f"{measured.name}: too short to follow; give at least two revolutions")
+        needed = 3 * (length + 8) * measured.segment
+        raise InputError(
+            f"{measured.name}: {measured.seconds:.2f} s are too short to follow at {abs(rpm):.0f} rpm; give "
+            f"{needed:.1f} s or more, of which a third is held out, or name held_out recordings"
+        )
 
     def makers(rows: Sequence[np.ndarray]) -> list[tuple[np.ndarray, Callable[[], object]]]:
         return [(row, lambda row=row: model.machine(np.append(row, rpm))) for row in rows]  # type: ignore[misc]

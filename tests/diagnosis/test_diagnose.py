@@ -36,6 +36,7 @@ def test_the_demonstration_names_the_friction_and_its_size(demonstrated):
     assert 0.0 < force["low"] < force["value"] < force["high"]
     assert "of Coulomb friction" in output
     assert found["summary"][0] in output
+    assert found["recordings"][0]["held_out_seconds"] == pytest.approx(0.2, abs=2e-3)
 
 
 def test_with_it_the_clearance_and_the_held_out_error_come_right(demonstrated):
@@ -87,19 +88,47 @@ def test_nothing_is_found_where_nothing_is_missing(joint, clearance):
     assert found["fit"]["held_out"]["after"] < 1.1
 
 
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    """A folder with a recording, one that is too short, one at another rate and one with fewer channels."""
+    folder = tmp_path_factory.mktemp("recordings")
+    machine = replace(Setting(SliderCrank(), "C").with_clearance(3e-4), drive=SpeedControl(SPEED, ramp=0.1))
+    whole = record(machine, 5)
+    write(whole, folder / "a.parquet")
+    write(replace(whole, values=whole.values[:600]), folder / "short.parquet")
+    write(replace(whole, values=whole.values[::2], rate=5e3), folder / "slow.parquet")
+    write(whole.select(["crank_b_axial"]), folder / "crank.parquet")
+    return folder
+
+
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
         (("joint=both",), "joint=B or joint=C"),
         (("hypotheses=[gide_friction]",), "guide_friction"),
+        (("hypotheses=instrument",), "change hypotheses or without"),
         (("recordings=[nowhere.parquet]",), "nowhere.parquet"),
+        (("recordings=a.parquet", "speed_range=[3000,150]"), "speed_range = [3000, 150]"),
+        (("recordings=a.parquet", "speed_range=[abc,150]"), "speed_range = ['abc', 150]"),
+        (("recordings=a.parquet", "most_effects=-1"), "most_effects = -1"),
+        (("recordings=a.parquet", "workers=0"), "workers = 0"),
+        (("recordings=a.parquet", "sensors=crank"), "change sensors"),
+        (("recordings=[a.parquet,crank.parquet]",), "at least one on rod or slider"),
+        (("recordings=[a.parquet,slow.parquet]",), "their rates differ"),
     ],
 )
-def test_wrong_inputs_are_one_line(tmp_path, wrong, words):
-    done = launch("diagnose", *wrong, folder=tmp_path)
+def test_wrong_inputs_are_one_line(recordings, wrong, words):
+    done = launch("diagnose", *wrong, folder=recordings)
     assert done.returncode == 2
     assert words in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_a_recording_that_is_too_short_is_said_to_be(recordings):
+    done = launch("diagnose", "recordings=short.parquet", folder=recordings)
+    assert done.returncode == 2
+    assert "s are too short to follow at" in done.stderr
+    assert "give 0.4 s or more" in done.stderr
 
 
 def test_a_recording_of_another_machine_is_said_to_be_one(tmp_path):
