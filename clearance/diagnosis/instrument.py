@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from clearance.diagnosis.restoration import BoolArray, turn_back, unclipped, undo_response
 from clearance.errors import InputError
 from clearance.recording.channels import ACCELERATIONS, AXIS_PAIRS, require_channel
 
@@ -181,22 +182,63 @@ class Instrument:
             rate: [Hz].
             start: sample at which the recorder's clock is right, see ``stretch``.
         """
-
-        def of(fault: Mapping[str, float], neutral: float) -> FloatArray:
-            return np.array([fault.get(name, neutral) for name in channels])
-
         columns = list(channels)
         seen = stretch(signals, self.timebase, start)
-        seen = misalign(seen, columns, of(self.misalignment, 0.0))
+        seen = misalign(seen, columns, _each(columns, self.misalignment, 0.0))
         seen = respond(
             seen,
             rate,
-            of(self.delay, 0.0),
-            of(self.resonance, inf),
-            of(self.resonance_damping, 0.05),
+            _each(columns, self.delay, 0.0),
+            _each(columns, self.resonance, inf),
+            _each(columns, self.resonance_damping, 0.05),
         )
-        seen = offset(amplify(seen, of(self.gain, 1.0)), of(self.bias, 0.0))
-        return saturate(seen, of(self.saturation, inf))
+        seen = offset(amplify(seen, _each(columns, self.gain, 1.0)), _each(columns, self.bias, 0.0))
+        return saturate(seen, _each(columns, self.saturation, inf))
+
+    def correct(
+        self, signals: FloatArray, channels: Sequence[str], rate: float
+    ) -> tuple[FloatArray, BoolArray]:
+        """What faultless instruments would have recorded, from what these have: ``apply`` backwards.
+
+        The timebase is not undone: samples keep their number, and what uses them counts time at the true
+        rate. Noise is changed as the signal is: divided by the gain, and amplified above a resonance, see
+        ``clearance.diagnosis.restoration``.
+
+        Args:
+            signals: (samples, channels) recorded, at least two samples.
+            channels: names of the columns; a turned accelerometer needs both axes of its point, or one of
+                which the other stands still in a nominal mechanism.
+            rate: [Hz].
+
+        Returns:
+            (samples, channels) corrected, and (samples, channels) whether a value can be known: not where it
+            was clipped, nor within a few samples of it or of an end where neighbours are needed.
+
+        Raises:
+            InputError: a gain of zero; a turned channel lacks its other axis.
+        """
+        columns = list(channels)
+        gain = _each(columns, self.gain, 1.0)
+        if not gain.all():
+            raise InputError(
+                f"sensor_gain: {columns[int(np.argmin(np.abs(gain)))]} has gain 0, which leaves nothing to "
+                "correct; give a gain other than 0"
+            )
+        known = unclipped(signals, _each(columns, self.saturation, inf))
+        restored, known = undo_response(
+            (signals - _each(columns, self.bias, 0.0)) / gain,
+            known,
+            rate,
+            _each(columns, self.delay, 0.0),
+            _each(columns, self.resonance, inf),
+            _each(columns, self.resonance_damping, 0.05),
+        )
+        return turn_back(restored, known, columns, _each(columns, self.misalignment, 0.0))
+
+
+def _each(channels: Sequence[str], fault: Mapping[str, float], neutral: float) -> FloatArray:
+    """(channels,) of a fault that some of them have."""
+    return np.array([fault.get(name, neutral) for name in channels])
 
 
 FAULTS = tuple(entry.name for entry in fields(Instrument))
