@@ -124,6 +124,8 @@ def test_a_corrected_recording_is_that_of_a_faultless_instrument(effect, planted
         instrument = instrument.changed(paths[name], value, AXIAL)
     fault = Fault(kind=effect, channel=AXIAL, **planted)
     sigma = 0.01 * record(noise=0.0).std(axis=0)[1]
+    silent, known = instrument.correct(record(fault, noise=0.0), NAMES, RATE)
+    assert np.abs(silent - record(noise=0.0))[known[:, 1], 1].max() < 0.1 * sigma
     corrected, known = instrument.correct(record(fault), NAMES, RATE)
     assert known[:, 1].mean() > 0.7
     error = (corrected - record())[known[:, 1], 1]
