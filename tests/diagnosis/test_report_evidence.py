@@ -1,4 +1,4 @@
-"""The evidence behind a verdict: force, curve, signatures, profile, what could be seen, the sensor at fault."""
+"""The evidence behind a verdict: force, curve, signatures, profile, what could be seen, a sensor at fault."""
 
 import re
 

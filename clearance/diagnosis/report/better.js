@@ -128,10 +128,10 @@ function comparison(block, overlays, runs) {
       const spread = list(dict(one[kind.name]).spread), side = (sign) => kind.y.map((value, index) => (isNumber(value) && isNumber(spread[index]) ? value + sign * spread[index] : null));
       return spread.some(isNumber) ? { ...kind, low: side(-1), high: side(1) } : kind;
     });
-    curves(stage, { label: `${words(one.channel)}: average over the revolutions of the crank`, x: { label: "crank angle", unit: "°", ticks: degreeTicks }, hidden, shade: turnRanges, hover: (angle) => crank.turn(angle, "phase"),
+    curves(stage, { label: `${words(one.channel)}: average over the revolutions of the crank`, x: { label: "crank angle", unit: "°", ticks: degreeTicks }, hidden, oneBand: true, shade: turnRanges, hover: (angle) => crank.turn(angle, "phase"),
       panels: [{ label: words(one.channel), unit: one.unit, height: 270, series }, ...rest(one, series, values, one.unit)] });
     stage.append(h("p", { class: "hint" }, "Averages over revolutions of free runs", isNumber(run.revolutions) ? [" and of ", number(["signatures", "recordings", run.index, "revolutions"], { source: "evidence" }), " recorded ones"] : "",
-      "; bands: what single revolutions vary by. Two equal machines differ too: judge the averages by that."));
+      ". The band is what single revolutions vary by, of the last curve that is switched on: two equal machines differ by that."));
     distances(at);
   }
   function spectrum(one) {

@@ -85,7 +85,7 @@ function nearest(xs, x) { // xs ascending
   return Math.abs(xs[low] - x) <= Math.abs(xs[high] - x) ? low : high;
 }
 
-/* spec: { label, x: {label, unit, log, ticks, marks: [{x, label}]}, shade: [[from, to]], zoom, panels: [{ label, unit, log, height, zero,
+/* spec: { label, x: {label, unit, log, ticks, marks: [{x, label}]}, shade: [[from, to]], zoom, oneBand, panels: [{ label, unit, log, height, zero,
    series: [{name, label, style, x, y, low, high}], points: [[x, y, low, high]], rules: [{y, label}] }], hidden: Set of names } */
 function curves(parent, spec) {
   const panels = spec.panels;
@@ -136,9 +136,10 @@ function curves(parent, spec) {
     panels.forEach((panel, index) => {
       const bottom = top + heights[index];
       const shown = panel.series.filter((one) => !hidden.has(one.name));
+      const banded = spec.oneBand ? shown.slice(-1) : shown; // bands over each other hide the lines
       const inside = (x) => x >= domain[0] && x <= domain[1];
       let range = [Infinity, -Infinity];
-      for (const one of shown) for (const values of [one.y, one.low, one.high]) {
+      for (const one of shown) for (const values of [one.y, ...(banded.includes(one) ? [one.low, one.high] : [])]) {
         range = extent(list(values).filter((value, at) => inside(one.x[at]) && (!panel.log || value > 0)), range);
       }
       range = extent(list(panel.points).filter((p) => inside(p[0])).map((p) => p[1]), range);
@@ -166,7 +167,7 @@ function curves(parent, spec) {
         if (isNumber(low) && isNumber(high)) plot.append(s("line", { class: "reach", x1: at, x2: at, y1: sy(low).toFixed(1), y2: sy(high).toFixed(1) }));
         plot.append(s("circle", { class: "dot", cx: at, cy: sy(y).toFixed(1), r: 1.6 }));
       }
-      for (const one of shown) if (one.low && one.high) plot.append(s("path", { class: `band ${one.style}`, d: bandPath(one.x, one.low, one.high, sx, sy) }));
+      for (const one of banded) if (one.low && one.high) plot.append(s("path", { class: `band ${one.style}`, d: bandPath(one.x, one.low, one.high, sx, sy) }));
       for (const one of shown) {
         let from = 0, to = one.x.length;
         while (from < to && one.x[from + 1] < domain[0]) from++;
