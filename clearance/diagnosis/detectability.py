@@ -13,9 +13,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from clearance.diagnosis.effect import Effect
 from clearance.diagnosis.fit import Model
 from clearance.diagnosis.follow import Follower, Pass
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.instrument import Instrument
+from clearance.diagnosis.instrument import sensitivity as derivative
 from clearance.diagnosis.measured import REACH, SAMPLES, Measured, filter_weights
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
@@ -50,15 +53,18 @@ def seen(hypotheses: Sequence[Hypothesis], deviations: Sequence[float]) -> list[
         Name, parameter, unit and smallest size of each; no size where the parameter cannot become so large.
     """
     found = []
-    for hypothesis, size in zip(hypotheses, smallest(np.array(deviations)), strict=True):
+    for hypothesis, deviation in zip(hypotheses, deviations, strict=True):
         unknown = hypothesis.unknowns[0]
         unit = hypothesis.effect.parameter(unknown.name).unit if hypothesis.effect else ""
-        fits = np.isfinite(size) and size < unknown.high - unknown.low
-        found.append({
-            "name": hypothesis.name, "parameter": unknown.name, "unit": unit,
-            "size": float(f"{size:.3g}") if fits else None,
-        })  # fmt: skip
+        size = _size(deviation, unknown.high - unknown.low)
+        found.append({"name": hypothesis.name, "parameter": unknown.name, "unit": unit, "size": size})
     return found
+
+
+def _size(deviation: float, span: float) -> float | None:
+    """The smallest size, to the digits that linear theory is worth; none beyond what a parameter may be."""
+    size = float(smallest(np.array(deviation)))
+    return float(f"{size:.3g}") if np.isfinite(size) and size < span else None
 
 
 def detectability_map(
@@ -67,11 +73,13 @@ def detectability_map(
     clearances: Sequence[float],
     speeds: Sequence[float],
     sensor_sets: Sequence[SensorSet],
+    faults: Sequence[Effect] = (),
     noise: float = NOISE,
 ) -> dict[str, Any]:
     """The smallest sizes for one second of recording.
 
-    Effects that give the machine new coordinates are not on the map: they have no derivative at "off".
+    Effects that give the machine new coordinates, and those that are off at infinity, are not on the map:
+    they have no derivative at "off".
 
     Args:
         setting: the nominal machine and the joint.
@@ -79,33 +87,33 @@ def detectability_map(
         clearances: [m].
         speeds: [rpm].
         sensor_sets: of accelerations.
+        faults: of one sensor each, see ``faults_of_sensors``.
         noise: standard deviation over that of the channel.
 
     Returns:
         As the report takes it: ``effects``, each with ``size`` by sensor set, (clearances, speeds).
     """
     chosen = differentiable(groups, setting.with_clearance(clearances[0]))
-    sizes: dict[str, dict[str, list[list[float | None]]]] = {
-        h.name: {s.name: [] for s in sensor_sets} for h in chosen
-    }
-    entries = seen(chosen, [np.inf] * len(chosen))
-    for clearance in clearances:
-        for rows in sizes.values():
-            for row in rows.values():
-                row.append([])
-        for speed in speeds:
-            found = deviations(setting, chosen, clearance, speed, sensor_sets, noise)
-            for sensors in sensor_sets:
-                for entry in seen(chosen, found[sensors.name].tolist()):
-                    sizes[entry["name"]][sensors.name][-1].append(entry["size"])
+    entries: list[dict[str, Any]] = seen(chosen, [np.inf] * len(chosen))
+    spans = [h.unknowns[0].high - h.unknowns[0].low for h in chosen]
+    for fault in faults:
+        parameter = fault.free[0]
+        entries.append(
+            {"name": fault.name, "parameter": parameter.name, "unit": parameter.unit, "of": "sensor"}
+        )
+        spans.append(parameter.bounds[1] - parameter.bounds[0])
+    for entry in entries:
+        entry["size"] = {s.name: [[None] * len(speeds) for _ in clearances] for s in sensor_sets}
+    for i, clearance in enumerate(clearances):
+        for j, speed in enumerate(speeds):
+            found = deviations(setting, chosen, clearance, speed, sensor_sets, faults, noise)
+            for name, each in found.items():
+                for entry, deviation, span in zip(entries, each, spans, strict=True):
+                    entry["size"][name][i][j] = _size(deviation, span)
     return {
         "joint": setting.joint, "noise": noise, "seconds": 1.0,
         "clearance_m": list(clearances), "speed_rpm": list(speeds),
-        "sensor_sets": {s.name: list(s.channels) for s in sensor_sets},
-        "effects": [
-            {"name": e["name"], "parameter": e["parameter"], "unit": e["unit"], "size": sizes[e["name"]]}
-            for e in entries
-        ],
+        "sensor_sets": {s.name: list(s.channels) for s in sensor_sets}, "effects": entries,
     }  # fmt: skip
 
 
@@ -124,15 +132,23 @@ def differentiable(groups: Mapping[str, Sequence[Hypothesis]], machine: SliderCr
     return list(found.values())
 
 
+def faults_of_sensors(effects: Sequence[Effect]) -> list[Effect]:
+    """Faults of one sensor that are off at a finite value."""
+    return [e for e in effects if e.each_channel and e.free[0].off is not None and np.isfinite(e.free[0].off)]
+
+
 def deviations(
     setting: Setting,
     hypotheses: Sequence[Hypothesis],
     clearance: float,
     speed: float,
     sensor_sets: Sequence[SensorSet],
+    faults: Sequence[Effect] = (),
     noise: float = NOISE,
 ) -> dict[str, np.ndarray]:
-    """(hypotheses,) standard errors of first parameters in a second of recording, by sensor set.
+    """(hypotheses + faults,) standard errors of first parameters in a second of recording, by sensor set.
+
+    A fault's is that of the sensor which shows it least, of those which show it at all.
 
     Args:
         setting: the nominal machine and the joint.
@@ -140,20 +156,24 @@ def deviations(
         clearance: [m].
         speed: [rpm].
         sensor_sets: of accelerations.
+        faults: of one sensor each, likewise.
         noise: standard deviation over that of the channel.
     """
     model, values = setting.model(), np.array([clearance, speed])
     machine = model.machine(values)
     follower = _on_its_path(machine, noise)
     one = follower.look(machine, [*model.columns(values), *(_varied(h, machine) for h in hypotheses)])
-    steps = np.array(
-        [*(model.step(values, i) for i in range(len(values))), *(h.unknowns[0].step for h in hypotheses)]
-    )
+    one = _with_faults(one, follower.measured, faults)
+    own = [*(model.step(values, i) for i in range(len(values))), *(h.unknowns[0].step for h in hypotheses)]
+    steps = np.array([*own, *[1.0] * (len(faults) * len(ACCELERATIONS))])
     longer = np.sqrt(follower.measured.seconds)
-    return {
-        sensors.name: longer * _standard_errors(_with_sensors(one, sensors.channels).gram, steps, model)
-        for sensors in sensor_sets
-    }
+    found = {}
+    for sensors in sensor_sets:
+        errors = longer * _standard_errors(_with_sensors(one, sensors.channels).gram, steps, model)
+        each = errors[len(hypotheses) :].reshape(len(faults), len(ACCELERATIONS))
+        worst = np.where(np.isfinite(each), each, -1.0).max(axis=1, initial=-1.0)
+        found[sensors.name] = np.append(errors[: len(hypotheses)], np.where(worst > 0.0, worst, np.inf))
+    return found
 
 
 def _varied(hypothesis: Hypothesis, machine: SliderCrank) -> SliderCrank:
@@ -198,6 +218,26 @@ def _on_its_path(machine: SliderCrank, noise: float) -> Follower:
 @njit(cache=True)
 def _fold(codes: np.ndarray, p: np.ndarray, s: np.ndarray, node: np.ndarray) -> None:
     fold(codes, p, s, 0, node)
+
+
+def _with_faults(one: Pass, measured: Measured, faults: Sequence[Effect]) -> Pass:
+    """The same linearisation with a column for each fault of each sensor, in the fault's unit."""
+    flow, *rest, sensitivity, residual = one.system
+    signals = measured.values.reshape(-1, len(ACCELERATIONS))
+    weight = one.used / measured.sigma
+    columns = [sensitivity]
+    for fault in faults:
+        parameter = fault.free[0]
+        assert parameter.off is not None
+        for channel in ACCELERATIONS:
+            change = derivative(
+                Instrument(), parameter.path, parameter.off, 1e-3 * abs(parameter.start), signals,
+                ACCELERATIONS, measured.chain.rate, channel,
+            )  # fmt: skip
+            columns.append((change.reshape(weight.shape) * weight).reshape(*residual.shape, 1))
+    moved = np.zeros((*flow.shape[:2], len(columns) - 1))  # no sensor changes how the machine moves
+    flow, shown = np.concatenate([flow, moved], axis=2), np.concatenate(columns, axis=2)
+    return replace(one, system=(flow, *rest, shown, residual))
 
 
 def _with_sensors(one: Pass, channels: Sequence[str]) -> Pass:

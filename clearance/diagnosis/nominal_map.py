@@ -10,7 +10,7 @@ from hydra.utils import instantiate
 from omegaconf import OmegaConf
 
 from clearance.configuration import CONFIGURATION
-from clearance.diagnosis.detectability import detectability_map
+from clearance.diagnosis.detectability import detectability_map, faults_of_sensors
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.mechanism.joint import Joint
@@ -30,11 +30,13 @@ def write_nominal_map(path: Path | None = None) -> None:
     Args:
         path: of the file; ``None``: where ``nominal_map`` looks for it.
     """
-    effects, sensor_sets = load_effects("physics", []), _sensor_sets()
+    effects, sensor_sets = load_effects("all", []), _sensor_sets()
+    faults = faults_of_sensors(effects)
     maps = {}
     for joint, machine in _MACHINES.items():
         groups = gather(effects, machine, joint)
-        maps[joint] = detectability_map(Setting(machine, joint), groups, CLEARANCES, SPEEDS, sensor_sets)
+        setting = Setting(machine, joint)
+        maps[joint] = detectability_map(setting, groups, CLEARANCES, SPEEDS, sensor_sets, faults)
     write_json(path or Path(str(resources.files(__package__).joinpath(_STORED))), maps)
 
 

@@ -7,9 +7,12 @@ import pytest
 
 from clearance.diagnosis.detectability import (
     _on_its_path,
+    _standard_errors,
+    _with_faults,
     detectability_map,
     deviations,
     differentiable,
+    faults_of_sensors,
     seen,
     smallest,
 )
@@ -17,6 +20,7 @@ from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.fit import fit
 from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.hypothesis import Setting, gather
+from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.nominal_map import CLEARANCES, SPEEDS, nominal_map
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
@@ -49,8 +53,8 @@ def test_effects_without_a_derivative_are_left_out_and_sizes_beyond_the_bounds_t
 
 def test_noise_and_sensors_set_the_standard_error():
     chosen = list(hypotheses("guide_friction", "torque_ripple").values())
-    one = deviations(SETTING, chosen, CLEARANCE, RPM, [ALL, ROD], 0.01)
-    two = deviations(SETTING, chosen, CLEARANCE, RPM, [ALL], 0.02)
+    one = deviations(SETTING, chosen, CLEARANCE, RPM, [ALL, ROD])
+    two = deviations(SETTING, chosen, CLEARANCE, RPM, [ALL], noise=0.02)
     assert (one["all"] < one["rod"]).all()
     friction, ripple = two["all"] / one["all"]
     assert ripple == pytest.approx(2.0, rel=0.1)
@@ -63,7 +67,8 @@ def test_the_stored_map_is_complete_and_knows_where_a_recording_lies(joint):
     assert stored["here"] == {"clearance_m": 3.1e-4, "speed_rpm": 690.0, "sensors": "all", "effects": []}
     assert nominal_map(joint, 3e-4, 700.0, ACCELERATIONS[4:8])["here"]["sensors"] == "rod"
     assert nominal_map(joint, 3e-4, 700.0, ["slider_position"])["here"]["sensors"] is None
-    assert len(stored["effects"]) > 10
+    names = {effect["name"] for effect in stored["effects"]}
+    assert {"guide_friction", "rod_inertia", "joint_friction", "sensor_gain", "sensor_delay"} <= names
     for effect in stored["effects"]:
         for name in stored["sensor_sets"]:
             assert np.shape(effect["size"][name]) == (len(CLEARANCES), len(SPEEDS))
@@ -77,6 +82,34 @@ def test_the_stored_map_is_what_this_simulator_gives():
     for effect in fresh["effects"]:
         kept = stored[effect["name"]]["size"]["rod"][place[0]][place[1]]
         assert effect["size"]["rod"][0][0] == pytest.approx(kept, rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["sensor_gain", "sensor_delay"])
+def test_a_sensors_fault_of_that_size_is_estimated_three_errors_away_from_off(name):
+    fault = faults_of_sensors(load_effects([name], []))[0]
+    model, values = SETTING.model(), np.array([CLEARANCE, RPM])
+    machine = model.machine(values)
+    channel = ACCELERATIONS.index("slider_horizontal")
+    truth = _on_its_path(machine, 0.01)
+    steps = np.array([*(model.step(values, i) for i in range(2)), *[1.0] * len(ACCELERATIONS)])
+    clean = _with_faults(truth.look(machine, model.columns(values)), truth.measured, [fault]).solve()
+    error = _standard_errors(clean.gram, steps, model)[channel]
+    scores = []
+    for seed in range(6):
+        values_with = Instrument().changed(
+            fault.free[0].path, fault.free[0].off + smallest(np.array(error)), "slider_horizontal"
+        )
+        measured = truth.measured
+        flat = values_with.apply(measured.values.reshape(-1, 10), ACCELERATIONS, measured.chain.rate)
+        noise = measured.sigma * np.random.default_rng(seed).normal(size=flat.shape)
+        noisy = replace(measured, values=(flat + noise).reshape(measured.values.shape))
+        follower = Follower(noisy, truth.integrator, truth.input_sigma.copy())
+        follower.path = truth.path.copy()
+        one = _with_faults(follower.look(machine, model.columns(values)), truth.measured, [fault]).solve()
+        own = [0, 1, 2 + channel]
+        gram = one.gram / np.outer(np.append(steps, 1.0), np.append(steps, 1.0))
+        scores.append(np.linalg.solve(gram[np.ix_(own, own)], gram[own, -1])[-1] / error)
+    assert np.mean(scores) == pytest.approx(3.24, abs=1.2)  # three standard errors of a mean of six
 
 
 @pytest.mark.slow
