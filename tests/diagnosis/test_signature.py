@@ -11,8 +11,9 @@ import pytest
 from clearance.diagnosis.impacts import count_impacts
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import Measured
-from clearance.diagnosis.signature import Running, phase_average, signatures, spectrum
-from clearance.mechanism.drive import SpeedControl
+from clearance.diagnosis.revolutions import Running, phase_average, spectrum
+from clearance.diagnosis.signature import signatures
+from clearance.mechanism.drive import Free, SpeedControl
 from clearance.mechanism.guide import StribeckGuide
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
@@ -96,9 +97,28 @@ def test_it_is_quick_small_and_ready_for_json():
     assert np.median(ratio) == pytest.approx(1.0, abs=0.5)
 
 
-def test_a_model_that_cannot_run_is_left_out():
+def test_a_rig_with_an_encoder_and_a_slow_recorder_has_a_phase_average_too():
+    chain = MeasurementChain(base_rate=8e3, decimation=160)  # 50 Hz
+    rate, rpm = CHAIN.rate, 613.0
+    running = replace(machine(1e-4), drive=SpeedControl(rpm, ramp=0.0))
+    sampling = Sampling(CHAIN.base_rate, CHAIN.filter(), 0.5, 8.0)
+    signals = simulate(running, Integrator("runge_kutta_4", 1e-5, 2), sampling)[:: round(rate / chain.rate)]
+    names = ("crank_angle", "slider_position")
+    values = signals[:, [Signal[name.upper()] for name in names]]
+    values = values + [0.0, 1e-4] * np.random.default_rng(0).normal(size=values.shape)
+    measured = Measured.of(Recording(values, names, chain.rate), chain, "slow")
+    longer = replace(running, rod=replace(running.rod, length=0.122))
+    measured = replace(measured, sigma=np.array([1e-3, 1e-4]))
+    found = signatures([measured], [rpm * np.pi / 30.0], [values[0, 0]], [longer], [running], workers=1)
+    assert found["recordings"][0]["impacts"] is None
+    assert [entry["channel"] for entry in found["recordings"][0]["phase"]] == ["slider_position"]
+    assert distances(found, "after")[0] < 2.0 < 5.0 < distances(found, "before")[0]
+
+
+@pytest.mark.parametrize("drive", [SpeedControl(RPM, proportional=1e9, ramp=0.0), Free()])
+def test_a_model_that_cannot_run_is_left_out(drive):
     measured, angle = recorded(1e-4)
-    broken = replace(machine(1e-4), drive=SpeedControl(RPM, proportional=1e9, ramp=0.0))
+    broken = replace(machine(1e-4), drive=drive)
     found = signatures([measured], [SPEED], [angle], [broken], [machine(1e-4)], workers=1)["recordings"][0]
     assert "before" not in found["phase"][0]
     assert "before" not in found["impacts"]
