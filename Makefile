@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 RUN := $(BIN)/python -m
 
-.PHONY: help train test test-all lint type arch simulate diagnose bench results tensorboard wheel clean
+.PHONY: help train test test-all lint type arch simulate diagnose detectability bench results tensorboard wheel clean
 help:            ## list the targets
 	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 16
 
@@ -36,6 +36,9 @@ type: $(READY)   ## static types
 	$(RUN) mypy
 arch: $(READY)   ## layers: nothing imports upward
 	$(BIN)/lint-imports --no-cache
+
+detectability: $(READY)  ## compute again which sizes of effects sensors can show (minutes)
+	$(BIN)/python -c 'from clearance.diagnosis.nominal_map import write_nominal_map; write_nominal_map()'
 
 bench: $(READY)  ## measure the simulator, beside Exudyn where it is installed (pip install '.[exudyn]')
 	$(RUN) clearance.bench

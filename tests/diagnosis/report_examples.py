@@ -1,4 +1,4 @@
-"""Three diagnoses as the page may get them, with evidence of realistic shape: made in code, of no machine."""
+"""Diagnoses as the page may get them, with evidence of realistic shape: made in code, of no machine."""
 
 import numpy as np
 
@@ -89,17 +89,12 @@ def physics():
         "where": _where(rng, after=True),
         "missing_force": _missing_force(rng),
         "ranking": _ranking(),
-        **_comparison(rng),
-        "impacts": {
-            "recorded": {"per_revolution": 6.4, "median_strength": 212.0, "unit": "m/s^2"},
-            "before": {"per_revolution": 9.1, "median_strength": 318.0, "unit": "m/s^2"},
-            "after": {"per_revolution": 6.5, "median_strength": 209.0, "unit": "m/s^2"},
-        },
+        **_comparison(rng, recordings=2),
         "detectability": _detectability(),
         "checks": _checks(rng),
         "clearance_profile": {
-            "clearance_mm": np.linspace(0.297, 0.303, 41),
-            "log_likelihood": -14000 - 0.5 * ((np.linspace(0.297, 0.303, 41) - 0.3001) / 5e-4) ** 2,
+            "clearance_m": np.linspace(0.297e-3, 0.303e-3, 41),
+            "misfit": 1.02 + 0.4 * ((np.linspace(0.297, 0.303, 41) - 0.3001) / 1e-3) ** 2,
         },
     }
     return diagnosis, evidence
@@ -156,8 +151,6 @@ def unknown():
     rng = np.random.default_rng(3)
     position = np.linspace(0.07, 0.17, 60)
     force = -6.0 * np.exp(-(((position - 0.13) / 0.012) ** 2)) + 1.5 * (position - 0.12) / 0.05
-    where = rng.uniform(0.07, 0.17, 900)
-    scatter = np.interp(where, position, force) + rng.normal(0, 0.9, where.size)
     diagnosis = {
         "verdict": "unknown",
         "summary": [
@@ -211,15 +204,12 @@ def unknown():
     evidence = {
         "where": _where(rng, after=True, strength=0.4, peaks=(90, 270)),
         "missing_force": _missing_force(rng),
-        "free_form_curve": {
-            "argument": "slider_position",
-            "unit_x": "m",
-            "unit_y": "N",
-            "x": position,
-            "y": force,
-            "low": force - 0.5,
-            "high": force + 0.5,
-            "points": np.stack([where, scatter], axis=1),
+        "free_form": {
+            **diagnosis["free_form"],
+            "unit": "N",
+            "argument_unit": "m",
+            "low": force[::6] - 0.5,
+            "high": force[::6] + 0.5,
         },
         "ranking": [dict(entry, asserted=False) for entry in _ranking()[:5]],
         **_comparison(rng),
@@ -227,7 +217,33 @@ def unknown():
     return diagnosis, evidence
 
 
-EXAMPLES = {"physics": physics, "none": nothing_missing, "unknown": unknown}
+def instrument():
+    """A sensor on the rod with a wrong gain."""
+    rng = np.random.default_rng(4)
+    diagnosis, evidence = nothing_missing()
+    diagnosis.update(
+        verdict="instrument",
+        summary=["The sensor of rod_c_transverse shows another size than it should: 1.052 times the truth."],
+        mismatch={
+            "detected": True, "p_value": 0.002, "body": "instrument", "direction": "along", "regime": "all",
+            "channels": {"rod_c_transverse": 0.7, "rod_b_axial": 0.2}, "crank_angle_deg": [],
+            "frequency_hz": [],
+        },
+        effects=[
+            {
+                "name": "sensor_gain", "kind": "instrument", "channel": "rod_c_transverse",
+                "probability": 0.99,
+                "parameters": {
+                    "gain": {"value": 1.052, "unit": "-", "low": 1.049, "high": 1.055, "off": 1.0}
+                },
+            }
+        ],
+    )  # fmt: skip
+    evidence["where"] = _where(rng, after=True, strength=0.3, channels=CHANNELS[2:6])
+    return diagnosis, evidence
+
+
+EXAMPLES = {"physics": physics, "none": nothing_missing, "unknown": unknown, "instrument": instrument}
 
 
 def _where(rng, after, strength=1.0, peaks=(185, 360), channels=CHANNELS):
@@ -266,18 +282,23 @@ def _where(rng, after, strength=1.0, peaks=(185, 360), channels=CHANNELS):
 
 
 def _missing_force(rng):
-    time = np.arange(0, 0.4, 5e-4)
-    velocity = np.cos(2 * np.pi * 11.8 * time)
-    value = -5.1 * np.tanh(8 * velocity) - 0.6 * velocity + 0.25 * rng.normal(size=time.size)
-    return {
-        "body": "slider",
-        "direction": "x",
-        "unit": "N",
+    """Of two recordings, on the slider and on the crank."""
+    time = np.arange(0, 0.4, 1e-3)
+    angle, position, velocity, _ = _motion(time, 2 * np.pi * 11.8)
+    known = {
         "time_s": time,
-        "value": value,
-        "low": value - 0.6,
-        "high": value + 0.6,
+        "crank_angle_deg": np.rad2deg(angle) % 360.0,
+        "slider_position_m": position,
+        "slider_velocity_m_s": velocity,
     }
+    friction = -5.1 * np.tanh(3 * velocity) - 0.6 * velocity + 0.25 * rng.normal(size=time.size)
+    ripple = 0.02 * rng.normal(size=time.size)
+    return [
+        {"recording": "a", "body": "slider", "direction": "x", "unit": "N", **known,
+         "value": friction, "low": friction - 0.6, "high": friction + 0.6},
+        {"recording": "a", "body": "crank", "direction": "torque", "unit": "N m", **known,
+         "value": ripple, "low": ripple - 0.05, "high": ripple + 0.05},
+    ]  # fmt: skip
 
 
 def _ranking():
@@ -307,18 +328,18 @@ def _ranking():
 
 
 def _motion(time, speed):
+    """Crank angle, and position, velocity and acceleration of the slider."""
     angle = speed * time
     rod = np.arcsin(-CRANK * np.sin(angle) / ROD)
     slider = CRANK * np.cos(angle) + ROD * np.cos(rod)
-    return angle, np.gradient(np.gradient(slider, time), time)
+    velocity = np.gradient(slider, time)
+    return angle, slider, velocity, np.gradient(velocity, time)
 
 
-def _comparison(rng):
+def _comparison(rng, recordings=1):
     time = np.arange(0, 0.25, 1e-4)
-    angle, slider = _motion(time, 2 * np.pi * 11.8)
-    overlays, phase, spectra = [], [], []
-    degrees = np.arange(1.0, 360, 2)
-    frequency = np.geomspace(5, 5000, 260)
+    angle, _, _, slider = _motion(time, 2 * np.pi * 11.8)
+    overlays = []
     for name in CHANNELS[3::2]:
         size = 0.4 + WEIGHTS.get(name, 0.15)
         smooth = size * slider
@@ -333,38 +354,81 @@ def _comparison(rng):
         recorded = smooth + kicks + friction + 4 * rng.normal(size=time.size)
         signals = {"recorded": recorded, "before": smooth + after_kicks, "after": smooth + friction + kicks}
         overlays.append({"channel": name, "unit": "m/s^2", "time_s": time, **signals})
-        mean = size * np.interp(np.deg2rad(degrees), angle, slider)
-        step = 36 * size * np.tanh(8 * np.sin(np.deg2rad(degrees)))
-        signals = {
-            "recorded": mean - step + rng.normal(size=degrees.size),
+    return {
+        "overlays": overlays,
+        "signatures": {"recordings": [_signature(rng, f"run_{k}", 1.0 + 0.3 * k) for k in range(recordings)]},
+    }
+
+
+def _signature(rng, name, faster):
+    """Phase averages, spectra and impacts of one recording and of both models."""
+    degrees, frequency = np.arange(1.0, 360, 2), np.geomspace(10, 5000, 110)
+    turn = np.deg2rad(degrees)
+    phase, spectrum = [], []
+    for channel in CHANNELS:
+        size = 0.4 + WEIGHTS.get(channel, 0.15)
+        mean, step = (
+            300 * size * np.cos(turn) + 90 * size * np.cos(2 * turn),
+            36 * size * np.tanh(8 * np.sin(turn)),
+        )
+        spread = 25 * size * (1.0 + np.sin(turn) ** 2)
+        courses = {
+            "recorded": mean - step + 6 * rng.normal(size=turn.size),
             "before": mean,
             "after": mean - step,
         }
-        phase.append({"channel": name, "unit": "m/s^2", "angle_deg": degrees, **signals})
+        phase.append({
+            "channel": channel, "unit": "m/s^2",
+            **{kind: {"mean": course, "spread": spread} for kind, course in courses.items()},
+            "distance": {"before": 2.0 + 8.0 * size, "after": 0.8 + 0.2 * rng.random()},
+        })  # fmt: skip
         level = size * (
             900 / (1 + (frequency / 30) ** 2) + 8 * np.exp(-(((frequency - 1400) / 400) ** 2)) + 0.2
         )
         low = 1 + 1.5 / (1 + (frequency / 300) ** 2)
         recorded = level * np.exp(0.12 * rng.normal(size=frequency.size))
-        signals = {"recorded": recorded, "before": level * low, "after": level}
-        spectra.append({"channel": name, "unit": "m/s^2/√Hz", "frequency_hz": frequency, **signals})
-    return {"overlays": overlays, "phase": phase, "spectra": spectra}
+        lines = {"recorded": recorded, "before": level * low, "after": level}
+        spectrum.append({"channel": channel, "unit": "m/s^2/√Hz", **lines})
+    return {
+        "name": name, "revolutions": 7.9, "crank_angle_deg": degrees, "phase": phase,
+        "frequency_hz": frequency, "spectrum": spectrum,
+        "impacts": {
+            "channel": "slider_horizontal", "unit": "m/s^2", "threshold": 11.7,
+            "recorded": {"per_revolution": 6.4, "low": 5.1, "high": 7.7, "median_strength": 212.0},
+            "before": {"per_revolution": 9.1 * faster, "low": 8.2, "high": 12.9, "median_strength": 318.0},
+            "after": {"per_revolution": 6.5, "low": 5.9, "high": 7.1, "median_strength": 209.0},
+        },
+    }  # fmt: skip
 
 
 def _detectability():
-    columns = [
-        {"clearance_mm": c, "speed_rpm": n, "sensors": sensors}
-        for sensors in ("all", "rod")
-        for c, n in ((0.1, 600), (0.3, 600), (0.3, 900), (0.8, 900))
-    ]
+    clearances, speeds = [1e-4, 3e-4, 8e-4], [500.0, 600.0, 700.0, 800.0]
+    grid = np.outer([1.0, 1.6, 2.3], [1.0, 1.2, 1.3, 1.7])
     rows = [
-        ("guide_friction", "coulomb_force", "N", [0.2, 0.4, 0.3, 0.9, 0.8, 1.6, 1.2, None]),
-        ("rod_inertia", "mass_ratio", "1", [0.004, 0.008, 0.007, 0.02, 0.009, 0.015, 0.012, 0.05]),
-        ("joint_lubrication", "damping", "N s/m", [3.0, 8.0, 11.0, 40.0, 9.0, 26.0, 31.0, 120.0]),
-        ("flexible_base", "mass", "kg", [0.5, 0.9, 0.8, None, None, None, None, None]),
+        ("guide_friction", "coulomb_force", "N", 4e-3),
+        ("rod_inertia", "mass_ratio", "-", 2.6e-4),
+        ("joint_lubrication", "damping", "N s/m", 2.4e-5),
+        ("restitution", "restitution", "-", None),
     ]
-    keys = ("effect", "parameter", "unit", "smallest")
-    return {"columns": columns, "rows": [dict(zip(keys, row, strict=True)) for row in rows]}
+    effects = [
+        {"name": name, "parameter": parameter, "unit": unit, "size": {
+            sensors: [[None if size is None else size * worse * value for value in line] for line in grid]
+            for sensors, worse in (("all", 1.0), ("rod", 2.5))
+        }}
+        for name, parameter, unit, size in rows
+    ]  # fmt: skip
+    effects[3]["size"]["all"][2][1] = 0.04
+    return {
+        "joint": "C", "noise": 0.01, "seconds": 1.0, "clearance_m": clearances, "speed_rpm": speeds,
+        "sensor_sets": {"all": list(CHANNELS), "rod": list(CHANNELS[2:6])}, "effects": effects,
+        "here": {
+            "clearance_m": 3.1e-4, "speed_rpm": 690.0, "sensors": "all",
+            "effects": [
+                {"name": name, "parameter": parameter, "unit": unit, "size": size and 0.8 * size}
+                for name, parameter, unit, size in rows
+            ],
+        },
+    }  # fmt: skip
 
 
 def _checks(rng, channels=CHANNELS):

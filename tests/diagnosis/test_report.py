@@ -12,42 +12,10 @@ import pytest
 
 from clearance.diagnosis.report import render_report, write_report
 from clearance.errors import InputError
-from tests.diagnosis.browser import Browser, find_browser
 from tests.diagnosis.report_examples import EXAMPLES
 
 HOSTILE = "</script><img src=x onerror=alert(1)>"
-PHONE = {"width": 360, "height": 740, "touch": True}
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    program = find_browser()
-    if program is None:
-        pytest.skip("no browser of the Chromium family is installed")
-    found = Browser(program, tmp_path_factory.mktemp("profile"))
-    yield found
-    found.close()
-
-
-@pytest.fixture
-def show(browser, tmp_path):
-    """Write a report, open it, and insist that it draws itself without a complaint or a request."""
-
-    def opened(diagnosis, evidence, **window):
-        page = tmp_path / "report.html"
-        write_report(page, diagnosis, evidence)
-        browser.open(page, **window)
-        assert browser.complaints == []
-        assert [url for url in browser.requests if not url.startswith("data:")] == [page.as_uri()]
-        if window.get("script", True):
-            drawn = browser.run(
-                "[{...document.documentElement.dataset}, document.documentElement.scrollWidth]"
-            )
-            assert drawn[0] == {"drawn": ""}
-            assert drawn[1] <= window.get("width", 1280)
-        return browser
-
-    return opened
+PHONE = {"width": 390, "height": 800, "touch": True}
 
 
 # ---- drawing
@@ -74,6 +42,7 @@ EXPECTED = {
     "physics": ["where", "what", "better", "else", "seen", "checks", "numbers"],
     "none": ["where", "better", "seen", "checks", "numbers"],
     "unknown": ["where", "what", "better", "else", "curve", "numbers"],
+    "instrument": ["where", "what", "better", "else", "seen", "checks", "numbers"],
 }
 
 
@@ -145,9 +114,11 @@ def test_each_verdict_has_its_own_badge(verdict):
 def test_the_body_and_the_direction_are_marked_in_the_drawing(show, body, direction):
     diagnosis, _ = EXAMPLES["physics"]()
     diagnosis["mismatch"].update(body=body, direction=direction)
+    diagnosis["effects"] = []
     page = show(diagnosis, {})
     if body == "instrument":
         assert page.run("document.querySelectorAll('.machine .fault').length") == 2  # of rod C and slider
+        assert page.run("document.querySelectorAll('.machine .arrow').length") == 0
         return
     marked = page.run("document.querySelectorAll('.machine g.culprit').length")
     assert (marked, page.run("document.querySelectorAll('.machine .arrow').length")) == (1, 1)
@@ -159,184 +130,6 @@ def test_the_body_and_the_direction_are_marked_in_the_drawing(show, body, direct
         assert label[1] >= picture[1] - 3  # a text's box is a little taller than its letters
         assert label[2] <= picture[2]
         assert label[3] <= picture[3] + 3
-
-
-# ---- numbers
-
-
-SHOWN = "{...one.dataset, shown: one.textContent}"
-
-
-def _numbers(page):
-    """What the page shows with a key, and the value it says it got from the embedded data."""
-    found = page.every("[data-key]", SHOWN)
-    return [{**one, "value": float(one["value"]), "scale": float(one["scale"])} for one in found]
-
-
-def _parsed(shown):
-    """A number as the page writes it, and half a unit of its last place."""
-    plain = shown.replace("\u202f", "").replace("−", "-")
-    mantissa, _, power = plain.partition("×10")
-    exponent = int(power.translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")) or 0)
-    places = len(mantissa.partition(".")[2])
-    return float(mantissa) * 10.0**exponent, 0.5 * 10.0 ** (exponent - places)
-
-
-def _look(content, path):
-    for key in path.split("."):
-        content = content[int(key)] if isinstance(content, list | np.ndarray) else content[key]
-    return content
-
-
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_every_number_on_the_page_is_the_diagnosis_number_rounded(show, name):
-    diagnosis, evidence = EXAMPLES[name]()
-    numbers = _numbers(show(diagnosis, evidence))
-    sources = {"diagnosis": diagnosis, "evidence": evidence}
-    for number in numbers:
-        truth = _look(sources[number["source"]], number["key"])
-        assert number["value"] == pytest.approx(truth, rel=1e-7), number
-        value, half = _parsed(number["shown"])
-        assert abs(value - truth * number["scale"]) <= half * (1 + 1e-6), number
-        assert abs(value - truth * number["scale"]) <= 0.05 * abs(truth * number["scale"]), number
-    keys = {number["key"] for number in numbers}
-    held_out = [f"fit.held_out.{key}" for key, value in diagnosis["fit"]["held_out"].items() if value]
-    wanted = {"seconds", "mismatch.p_value", "clearance.before_m", "clearance.after_m", "clearance.low_m"}
-    for position, effect in enumerate(diagnosis["effects"]):
-        wanted.add(f"effects.{position}.probability")
-        for parameter in effect["parameters"]:
-            wanted |= {f"effects.{position}.parameters.{parameter}.{key}" for key in ("value", "low", "high")}
-    assert wanted | set(held_out[:3]) <= keys
-
-
-def test_numbers_of_any_size_are_written_without_losing_them(show):
-    values = (0.0, 1e-9, 3.2e-4, 0.0999999, 1.0, 9.995, 41.25, 99999.0, 1.5e11, -2.5e-6, -17.25)
-    alone = {f"n{i}": {"value": value, "unit": "N"} for i, value in enumerate(values)}
-    bounded = {
-        name: {**one, "low": one["value"] - spread * 0.4, "high": one["value"] + spread}
-        for name, one in alone.items()
-        for spread in [0.025 * abs(one["value"])]
-    }
-    effects = [{"name": "alone", "parameters": alone}, {"name": "bounded", "parameters": bounded}]
-    numbers = _numbers(show({"effects": effects}, {}))
-    assert len(numbers) == 4 * len(values)
-    for number in numbers:
-        shown, half = _parsed(number["shown"])
-        assert abs(shown - number["value"]) <= half * (1 + 1e-6)
-        assert abs(shown - number["value"]) <= 0.006 * abs(number["value"])
-
-
-def test_bars_are_as_long_as_their_numbers(show):
-    diagnosis, evidence = EXAMPLES["physics"]()
-    page = show(diagnosis, evidence)
-    lengths = dict(page.every("[data-bar]", "[one.dataset.bar, Number(one.getAttribute('width'))]"))
-    held = diagnosis["fit"]["held_out"]
-    for key in ("after", "floor"):
-        ratio = lengths[f"fit.held_out.{key}"] / lengths["fit.held_out.before"]
-        assert ratio == pytest.approx(held[key] / held["before"], rel=1e-6)
-    impacts = evidence["impacts"]
-    ratio = lengths["impacts.after.per_revolution"] / lengths["impacts.before.per_revolution"]
-    assert ratio == pytest.approx(
-        impacts["after"]["per_revolution"] / impacts["before"]["per_revolution"], rel=1e-6
-    )
-
-
-def test_heat_map_colours_follow_the_ratios(show):
-    diagnosis, evidence = EXAMPLES["physics"]()
-    page = show(diagnosis, evidence)
-    heat = evidence["where"]["heat"]
-    cells = page.every(".heat rect.cell", "Number(one.classList[1].slice(1))")
-    levels = np.array(cells[: heat.size]).reshape(heat.shape)
-    order = np.argsort(heat, axis=None)
-    assert np.all(np.diff(levels.ravel()[order]) >= 0)
-    assert (levels.min(), levels.max()) == (0, 8)
-    assert np.all(levels[heat < 1.1] == 0)
-
-
-# ---- looking closer
-
-
-def _centre(page, selector, across=0.5, down=0.5):
-    found = page.run(
-        f"(() => {{ const one = document.querySelector({json.dumps(selector)});"
-        "one.scrollIntoView({block: 'center', behavior: 'instant'}); const box = one.getBoundingClientRect();"
-        "return [box.left, box.top, box.width, box.height] })()"
-    )
-    return found[0] + across * found[2], found[1] + down * found[3]
-
-
-def test_the_heat_map_reads_by_keyboard_and_switches_to_after(show):
-    diagnosis, evidence = EXAMPLES["physics"]()
-    page = show(diagnosis, evidence)
-    page.run("document.querySelector('.heat').focus()")
-    page.press("ArrowRight")  # lands on the largest
-    where = evidence["where"]
-    row, column = np.unravel_index(np.argmax(where["heat"]), where["heat"].shape)
-    told = page.run("document.querySelector('.heat .tip').innerText")
-    assert where["channels"][row].replace("_", " ") in told
-    found = [float(value) for value in re.findall(r": ([\d.]+) × noise", told)]
-    assert found == pytest.approx([where["heat"][row, column], where["heat_after"][row, column]], rel=5e-3)
-    assert (
-        page.run("document.querySelector('.turning output').innerText")
-        == f"{where['crank_angle_deg'][column]:.0f}°"
-    )
-    count = "document.querySelectorAll('.heat .h8').length"
-    assert page.run(count) > 0
-    page.run("document.querySelectorAll('.card .segments input')[1].click()")
-    assert page.run("document.querySelectorAll('.heat .h8:not(.stale)').length") == 0
-
-
-def test_a_curve_zooms_by_dragging_reads_by_key_and_hides_a_series(show):
-    page = show(*EXAMPLES["physics"]())
-    chart = "#better .zoomable"
-    axis = f"{chart} svg > text.tick[text-anchor=middle]"
-    before = page.every(axis, "Number(one.textContent)")
-    x, y = _centre(page, chart, 0.3, 0.4)
-    page.mouse("mouseMoved", x, y)
-    page.mouse("mousePressed", x, y, "left")
-    page.mouse("mouseMoved", x + 150, y, "left")
-    page.mouse("mouseReleased", x + 150, y, "left")
-    after = page.every(axis, "Number(one.textContent)")
-    assert after[-1] - after[0] < 0.4 * (before[-1] - before[0])
-    page.run(f"document.querySelector('{chart}').focus()")
-    page.press("ArrowRight")
-    told = page.run(f"document.querySelector('{chart} .tip').innerText")
-    assert all(name in told for name in ("recorded:", "model before:", "model corrected:", "m/s²"))
-    page.press("0")
-    assert page.every(axis, "Number(one.textContent)") == before
-    lines = f"document.querySelectorAll('{chart} path.line.before').length"
-    assert page.run(lines) == 2  # the curve, and its difference from the recording
-    page.run("document.querySelector('#better .key.before').click()")
-    assert page.run(lines) == 0
-    assert page.run("document.querySelector('#better .key.before').getAttribute('aria-pressed')") == "false"
-
-
-@pytest.mark.parametrize("view", [1, 2])
-def test_phase_average_and_spectrum_are_shown_too(show, view):
-    page = show(*EXAMPLES["physics"](), **PHONE)
-    page.run(f"document.querySelectorAll('#better .segments input')[{view}].click()")
-    page.put("#better select", 2, "change")
-    paths = page.every("#better .zoomable path.line", "one.getAttribute('d').length")
-    assert len(paths) == (5 if view == 1 else 3)
-    assert min(paths) > 100
-    assert page.run("document.documentElement.dataset.error") is None
-
-
-def test_the_drawing_turns_and_shows_where_the_mismatch_is(show):
-    page = show(*EXAMPLES["physics"]())
-    for angle, marked in ((90, 0), (185, 1), (10, 1)):  # 345-375 degrees goes over the top
-        page.put(".turning input", angle)
-        assert len(page.every(".machine svg.showing", "1")) == marked
-
-
-def test_a_picture_that_breaks_is_named_and_leaves_the_others(browser, tmp_path):
-    diagnosis, evidence = EXAMPLES["physics"]()
-    evidence["ranking"] = [7, None, "x"]
-    write_report(tmp_path / "report.html", diagnosis, evidence)
-    browser.open(tmp_path / "report.html")
-    assert browser.run("document.documentElement.dataset.error").startswith("what: ")
-    assert "could not be drawn" in browser.run("document.body.innerText")
-    assert browser.run("document.querySelectorAll('#better svg').length") > 3
 
 
 # ---- safety and plain words
@@ -351,7 +144,7 @@ def _poisoned(content):
     if isinstance(content, dict):
         found = {}
         for key, value in content.items():
-            foreign = any(part in key for part in NAMED) and key != "missing_force"
+            foreign = any(part in key for part in NAMED) and key not in ("missing_force", "slider_position_m")
             found[f"{key}{HOSTILE}" if foreign else key] = _poisoned(value)
         return found
     if isinstance(content, list):

@@ -6,6 +6,13 @@ const SOURCES = { diagnosis: read("diagnosis"), evidence: read("evidence") };
 const DIAGNOSIS = SOURCES.diagnosis, EVIDENCE = SOURCES.evidence;
 const CALM = matchMedia("(prefers-reduced-motion: reduce)");
 
+const RIGHT = DIAGNOSIS.verdict === "none"; // the model is right as it is
+const BEFORE = { name: "before", label: "model before", style: "before" };
+const AFTER = { name: "after", label: "model corrected", style: "after" };
+const RECORDED = { name: "recorded", label: "recorded", style: "recorded" };
+
+const BODIES = { crank: "crank", rod: "rod", slider: "slider", frame: "frame", joint_b: "joint B", joint_c: "joint C", instrument: "an instrument" };
+
 window.addEventListener("error", (event) => { // a broken picture must not pass for a missing one
   document.documentElement.setAttribute("data-error", event.message);
 });

@@ -1,15 +1,23 @@
 // The slider-crank, with what is missing marked on the body it acts on. Proportions are the machine's where the
 // evidence gives them ({mechanism: {crank_length, rod_length, offset}}), else the nominal ones; the gap is drawn large.
 
+// Channels whose sensor the first effect says is at fault; none where it is not one sensor's.
+function faultyChannels() {
+  const effect = list(DIAGNOSIS.effects)[0];
+  if (effect?.kind !== "instrument") return [];
+  return [effect.channel, ...Object.keys(dict(effect.parameters))].filter((name) => /^(crank|rod|slider|drive)_/.test(String(name)));
+}
+
 function mechanismDrawing(parent) {
   const mismatch = dict(DIAGNOSIS.mismatch), clearance = dict(DIAGNOSIS.clearance), size = dict(EVIDENCE.mechanism);
   const r = size.crank_length > 0 ? size.crank_length : 0.05, l = size.rod_length > r ? size.rod_length : 0.12;
   const offset = isNumber(size.offset) && Math.abs(size.offset) < l - r ? size.offset : 0;
   const found = mismatch.detected !== false && DIAGNOSIS.verdict !== "none";
-  const body = found ? mismatch.body : null, direction = String(mismatch.direction ?? "");
+  const effect = list(DIAGNOSIS.effects)[0], named = faultyChannels();
+  const faulty = new Set(effect?.kind === "instrument" ? named : Object.keys(dict(mismatch.channels))); // nobody named: those that show it
+  const body = !found ? null : effect?.kind === "instrument" ? "instrument" : mismatch.body, direction = String(mismatch.direction ?? "");
   const ranges = found ? list(mismatch.crank_angle_deg).filter((range) => list(range).length === 2) : [];
-  const effect = list(DIAGNOSIS.effects)[0];
-  const force = EVIDENCE.missing_force ?? DIAGNOSIS.free_form;
+  const force = list(EVIDENCE.missing_force)[0] ?? DIAGNOSIS.free_form;
   const caption = effect ? words(effect.name) : DIAGNOSIS.verdict === "unknown" && force ? "unknown force" : "mismatch";
   const channels = new Set(list(DIAGNOSIS.recordings).flatMap((recording) => list(recording?.channels)).concat(list(dict(EVIDENCE.where).channels)));
   const guilty = found ? dict(mismatch.channels) : {};
@@ -17,7 +25,7 @@ function mechanismDrawing(parent) {
   const inRange = (angle) => ranges.some(([a, b]) => angle >= a && angle <= b || angle + 360 <= b || angle - 360 >= a);
 
   const spoken = `Drawing of the slider-crank. ` + (body
-    ? `Marked: ${words(body)}${direction ? `, direction ${direction}` : ""}, ${caption}` + (ranges.length ? `, at crank angles ${ranges.map(([a, b]) => `${text(a)} to ${text(b)} degrees`).join(" and ")}` : "") + "."
+    ? `Marked: ${body === "instrument" ? `the sensor of ${[...faulty].map(words).join(", ") || "the recorder"}` : `${words(body)}${direction ? `, direction ${direction}` : ""}`}, ${caption}` + (ranges.length ? `, at crank angles ${ranges.map(([a, b]) => `${text(a)} to ${text(b)} degrees`).join(" and ")}` : "") + "."
     : "Nothing is marked: the model explains the recordings.");
   let pose = () => {};
   const picture = figure(parent, spoken, draw, { className: "machine" });
@@ -99,12 +107,14 @@ function mechanismDrawing(parent) {
     const jointB = joint("B"), jointC = joint("C");
 
     // sensors ride on the bodies
+    let sick = null; // where the first sensor at fault is, in its body's coordinates
     const sensor = (parentBody, x, y, names) => {
       const fitted = names.filter((name) => channels.has(name));
       if (!fitted.length) return;
       const shows = fitted.filter((name) => name in guilty);
       const half = small ? 4 : 5.5;
-      const fault = shows.length && body === "instrument";
+      const fault = body === "instrument" && fitted.some((name) => faulty.has(name));
+      if (fault) sick = { parent: parentBody, x, y };
       parentBody.append(s("g", { class: `sensor${shows.length ? " guilty" : ""}` },
         fault && s("circle", { class: "fault", cx: x, cy: y, r: half * 2.6 }),
         s("rect", { x: x - half, y: y - half, width: 2 * half, height: 2 * half, rx: 2 }),
@@ -199,7 +209,11 @@ function mechanismDrawing(parent) {
         const lift = /slider|joint_c/.test(body) && !across && !turns ? -shoe - 48 : body === "frame" ? (turns ? -clamp(unit * 0.5, 24, 56) - 18 : thick - 14) : /^joint/.test(body) ? thick + 34 : body === "crank" && turns ? -unit * 0.86 : thick + 32;
         const rise = across ? (/frame|slider|joint_c/.test(body) ? -clamp(unit * 0.52, 26, 60) - 20 : clamp(unit * 0.52, 26, 60) + 14) : lift;
         put(label, [clamp(where[0] + (across && /slider|joint_c/.test(body) ? unit * 0.54 : 0), 60, width - 60), clamp(where[1] - rise, 14, height - 6)]);
-      } else if (body === "instrument") put(label, [spot.C[0] - unit * 0.2, spot.C[1] - shoe - 24]);
+      } else if (body === "instrument") {
+        const [from, turn] = !sick ? [[spot.C[0] - unit * 0.2, spot.C[1]], 0] : sick.parent === crank_ ? [spot.A, angle] : sick.parent === rod ? [spot.B, spot.tilt] : [sick.parent === slider_ ? spot.C : spot.A, 0];
+        const a = (turn * Math.PI) / 180, [dx, dy] = sick ? [sick.x, sick.y] : [0, 0];
+        put(label, [clamp(from[0] + dx * Math.cos(a) + dy * Math.sin(a), 70, width - 70), clamp(from[1] - dx * Math.sin(a) + dy * Math.cos(a) - (sick?.parent === rod || sick?.parent === crank_ ? 26 : shoe + 24), 14, height - 6)]);
+      }
       svg.classList.toggle("showing", inRange(angle));
       lens?.follow(spot);
     };

@@ -3,11 +3,6 @@
 const SECTIONS = document.getElementById("sections");
 const CONTENTS = document.getElementById("contents");
 
-const RIGHT = DIAGNOSIS.verdict === "none"; // the model is right as it is
-const BEFORE = { name: "before", label: "model before", style: "before" };
-const AFTER = { name: "after", label: "model corrected", style: "after" };
-const RECORDED = { name: "recorded", label: "recorded", style: "recorded" };
-
 function section(id, heading, lead) {
   const block = h("section", { id, class: "block", "aria-labelledby": `${id}-title` }, h("h2", { id: `${id}-title` }, heading), lead && h("p", { class: "lead" }, lead));
   SECTIONS.append(block);
@@ -73,7 +68,6 @@ function head() {
 
 // ---- where
 
-const BODIES = { crank: "crank", rod: "rod", slider: "slider", frame: "frame", joint_b: "joint B", joint_c: "joint C", instrument: "an instrument" };
 const DIRECTIONS = { x: "x, to the right in the drawing", y: "y, upward in the drawing" };
 const REGIMES = { contact: "while the joint is in contact", flight: "while the joint is in free flight", sliding: "while it slides", all: "in contact and in flight alike" };
 
@@ -87,8 +81,10 @@ function where() {
   const facts = h("dl", { class: "facts" });
   const fact = (name, ...value) => facts.append(h("div", {}, h("dt", {}, name), h("dd", {}, ...value)));
   if (detected) {
-    if (mismatch.body) fact("Body", BODIES[mismatch.body] ?? words(mismatch.body));
-    if (mismatch.direction) fact("Direction", DIRECTIONS[mismatch.direction] ?? words(mismatch.direction));
+    const sensors = faultyChannels();
+    if (sensors.length) fact("Sensor", sensors.map(words).join(", "));
+    else if (mismatch.body) fact("Body", BODIES[mismatch.body] ?? words(mismatch.body));
+    if (mismatch.direction && !sensors.length) fact("Direction", DIRECTIONS[mismatch.direction] ?? words(mismatch.direction));
     if (mismatch.regime) fact("When", REGIMES[mismatch.regime] ?? words(mismatch.regime));
     if (list(mismatch.crank_angle_deg).length) fact("Crank angle", ranges(["mismatch", "crank_angle_deg"], "°"));
     if (list(mismatch.frequency_hz).length) fact("Frequency", ranges(["mismatch", "frequency_hz"], "\u00a0Hz"));
@@ -103,12 +99,7 @@ function where() {
     const box = card(block, "Error of one-millisecond predictions, in units of the expected noise");
     if (!heatMap(box, EVIDENCE.where)) box.remove();
   }
-  const force = EVIDENCE.missing_force;
-  if (force && list(force.time_s).length > 1) {
-    const box = card(block, `The force that the model lacks: on the ${BODIES[force.body] ?? words(force.body)}${force.direction ? `, ${words(force.direction)}` : ""}`);
-    curves(box, { label: "Missing force over time with its 95 % interval", x: { label: "time", unit: "s" }, panels: [{ label: "missing force", unit: force.unit, height: 210, zero: true,
-      series: [{ name: "force", label: "estimate", style: "after", x: force.time_s, y: list(force.value), low: force.low, high: force.high }] }] });
-  }
+  missingForce(block);
 }
 
 // ---- what
@@ -121,7 +112,7 @@ function what() {
     const row = h("div", { class: "effects" });
     block.append(row);
     effects.forEach((effect, index) => {
-      const box = card(row, title(effect.name), "effect");
+      const box = card(row, `${title(effect.name)}${effect.channel ? ` of ${words(effect.channel)}` : ""}`, "effect");
       box.append(h("p", { class: "kind" }, words(effect.kind), isNumber(effect.probability) && [", probability ", number(["effects", index, "probability"])]));
       parameters(box, effect.parameters, ["effects", index, "parameters"], "diagnosis");
     });
@@ -163,103 +154,6 @@ function parameters(parent, values, path, source, style = "after") {
   }
 }
 
-// ---- how much better
-
-function better() {
-  const held = dict(dict(DIAGNOSIS.fit).held_out), clearance = dict(DIAGNOSIS.clearance);
-  const known = (entries, x) => list(entries).filter((one) => one?.channel !== undefined && list(one[x]).length > 1);
-  const series = { time: known(EVIDENCE.overlays, "time_s"), turn: known(EVIDENCE.phase, "angle_deg"), spectrum: known(EVIDENCE.spectra, "frequency_hz") };
-  const profile = dict(EVIDENCE.clearance_profile);
-  const bits = [isNumber(held.before), isNumber(clearance.after_m), ...Object.values(series).map((one) => one.length), filled(EVIDENCE.impacts)];
-  if (!bits.some(Boolean)) return;
-  const block = section("better", RIGHT ? "How well the model fits" : "How much better", RIGHT ? "On recordings that it was not fitted to." : "On recordings that the correction was not fitted to.");
-  const row = h("div", { class: "columns" });
-  block.append(row);
-  if (isNumber(held.before) || isNumber(held.after)) {
-    const box = card(row, "Error on held-out data");
-    if (dict(DIAGNOSIS.fit).metric) box.append(h("p", { class: "hint" }, String(DIAGNOSIS.fit.metric)));
-    const path = (key) => ["fit", "held_out", key];
-    bars(box, "Error on held-out data", [{ label: RIGHT ? "model" : "before", path: path("before"), style: RIGHT ? "after" : "before" }, { label: "corrected", path: path("after"), style: "after", low: path("low"), high: path("high") },
-      { label: "floor", path: path("floor"), style: "floor", within: [path("low"), path("high")] }], { rule: path("floor") });
-    if (isNumber(held.floor)) box.append(h("p", { class: "hint" }, `The floor is what a perfect model scores${isNumber(held.low) ? "; the whisker is the 95 % interval" : ""}.`));
-  }
-  if (isNumber(clearance.before_m) || isNumber(clearance.after_m)) {
-    const box = card(row, `Clearance${clearance.joint ? ` in joint ${clearance.joint}` : ""}`);
-    clearancePicture(box, clearance);
-    if (list(profile.clearance_mm).length > 2) {
-      const best = extent(list(profile.log_likelihood))[1];
-      curves(box, { label: "Log-likelihood over the clearance", zoom: false, x: { label: "clearance", unit: "mm" }, panels: [{ label: "log-likelihood below its best", unit: "nats", height: 130,
-        series: [{ name: "profile", label: "log-likelihood", style: "after", x: profile.clearance_mm, y: list(profile.log_likelihood).map((value) => (isNumber(value) ? value - best : null)) }] }] });
-    }
-  }
-  impacts(row);
-  comparison(block, series);
-}
-
-function clearancePicture(parent, clearance) {
-  const mm = (key) => (isNumber(clearance[key]) ? clearance[key] * 1000 : null);
-  const [before, after, low, high] = ["before_m", "after_m", "low_m", "high_m"].map(mm);
-  const ends = extent([before, after, low, high]), pad = Math.max((ends[1] - ends[0]) * 0.22, ends[1] * 0.002, 1e-4);
-  const shown = (value) => (low !== null && high !== null ? textWithin(value, low, high) : text(value, 4));
-  figure(parent, `Clearance before ${text(before, 4)} mm, corrected ${text(after, 4)} mm`, (width) => {
-    const left = Math.min(84, width * 0.26), x = axis([ends[0] - pad, ends[1] + pad], [left, width - 74], { count: 4 }), svg = canvas(width, 118);
-    for (const value of x.ticks) svg.append(s("line", { class: "grid", x1: x(value), x2: x(value), y1: 6, y2: 84 }), s("text", { class: "tick", x: x(value), y: 100, "text-anchor": "middle" }, tickText(value, x.ticks)));
-    svg.append(s("text", { class: "axis-label", x: width, y: 100, "text-anchor": "end" }, "[mm]"));
-    [["before", before, "before_m", 26], ["corrected", after, "after_m", 62]].forEach(([name, value, key, y]) => {
-      if (value === null) return;
-      const style = name === "before" ? "before" : "after";
-      svg.append(s("text", { class: "bar-label", x: left - 12, y: y + 5, "text-anchor": "end" }, name));
-      if (style === "after" && low !== null && high !== null) svg.append(s("line", { class: "span after", x1: x(low), x2: x(high), y1: y, y2: y }));
-      svg.append(s("circle", { class: `mark ${style}`, cx: x(value), cy: y, r: 6 }), s("text", { class: "bar-value", x: (style === "after" && high !== null ? Math.max(x(high), x(value)) : x(value)) + 12, y: y + 5, ...keyed(["clearance", key], { scale: 1000 }).attributes }, shown(value)));
-    });
-    return svg;
-  });
-}
-
-function impacts(parent) {
-  const found = dict(EVIDENCE.impacts);
-  const kinds = [["recorded", "recorded"], ["before", "before"], ["after", "corrected"]].filter(([key]) => filled(found[key]));
-  if (!kinds.length) return;
-  const box = card(parent, "Impacts in the joint");
-  const group = (key, label, unit) => {
-    if (!kinds.some(([kind]) => isNumber(found[kind][key]))) return;
-    box.append(h("p", { class: "small-head" }, unit ? `${label} [${unitText(unit)}]` : label));
-    bars(box, label, kinds.map(([kind, name]) => ({ label: name, path: ["impacts", kind, key], style: kind })), { source: "evidence", unit });
-  };
-  group("per_revolution", "per revolution");
-  group("median_strength", "median strength", found[kinds[0][0]].unit);
-}
-
-function comparison(block, series) {
-  const views = [["time", "time"], ["turn", "one turn"], ["spectrum", "spectrum"]].filter(([key]) => series[key].length);
-  if (!views.length) return;
-  const box = card(block, "Model and recording, held out");
-  const weight = (name) => dict(dict(DIAGNOSIS.mismatch).channels)[name] ?? 0; // the channel that shows it most comes first
-  const channels = [...new Set(views.flatMap(([key]) => series[key].map((one) => String(one.channel))))].sort((a, b) => weight(b) - weight(a));
-  let view = views[0][0], channel = 0;
-  const stage = h("div", {});
-  const controls = h("div", { class: "controls" }, views.length > 1 && choice("Show", views, view, (value) => { view = value; show(); }), picker("Channel", channels.map(words), (value) => { channel = value; show(); }));
-  box.append(controls, stage);
-  const hidden = new Set();
-  const turnRanges = list(dict(DIAGNOSIS.mismatch).crank_angle_deg).flatMap(([from, to]) => [[from, to], [from - 360, to - 360], [from + 360, to + 360]]);
-  function show() {
-    stage.replaceChildren();
-    const one = series[view].find((entry) => String(entry.channel) === channels[channel]);
-    if (!one) { stage.append(h("p", { class: "hint" }, "Not available for this channel.")); return; }
-    const x = list({ time: one.time_s, turn: one.angle_deg, spectrum: one.frequency_hz }[view]), log = view === "spectrum";
-    const three = [RECORDED, BEFORE, AFTER].filter(({ name }) => list(one[name]).length).map((kind) => ({ ...kind, x, y: one[kind.name] }));
-    const panels = [{ label: words(one.channel), unit: one.unit, log, height: 270, series: three }];
-    if (!log && list(one.recorded).length) {
-      const rest = three.filter(({ name }) => name !== "recorded").map((kind) => ({ ...kind, short: `recorded minus ${kind.label}`, y: kind.y.map((value, at) => (isNumber(value) && isNumber(one.recorded[at]) ? one.recorded[at] - value : null)) }));
-      if (rest.length) panels.push({ label: "recorded minus model", unit: one.unit, height: 120, series: rest });
-    }
-    const axes = { time: { label: "time", unit: "s" }, turn: { label: "crank angle", unit: "°", ticks: degreeTicks }, spectrum: { label: "frequency", unit: "Hz", log: true } };
-    curves(stage, { label: `${words(one.channel)}: recorded, model before and model corrected, ${views.find(([key]) => key === view)[1]}`, x: axes[view], panels, hidden,
-      shade: { turn: turnRanges, spectrum: dict(DIAGNOSIS.mismatch).frequency_hz }[view], hover: view === "turn" ? (angle) => crank.turn(angle, "phase") : null });
-  }
-  show();
-}
-
 // ---- what else
 
 function else_() {
@@ -271,45 +165,6 @@ function else_() {
     block.append(h("div", { class: "alternatives" }, join(groups.map((group) => h("span", { class: "alternative" }, group.map(words).join(" + "))), " or ").map((part) => (typeof part === "string" ? h("span", { class: "or" }, "or") : part))));
   } else if (list(DIAGNOSIS.effects).length) block.append(h("p", { class: "lead" }, "Nothing else that was tried explains these recordings as well."));
   if (next) block.append(h("div", { class: "next" }, h("h3", {}, groups.length ? "The recording that would tell" : "The next recording worth making"), h("p", {}, String(next))));
-}
-
-// ---- the curve
-
-function freeForm() {
-  const curve = dict(EVIDENCE.free_form_curve), free = dict(DIAGNOSIS.free_form), table = list(free.table);
-  const measured = list(curve.x).length > 1;
-  if (!measured && table.length < 2) return;
-  const argument = measured ? curve.argument ?? free.argument : free.argument;
-  const on = free.body ? ` It acts on the ${BODIES[free.body] ?? words(free.body)}${free.direction ? `, ${words(free.direction)}` : ""}.` : "";
-  const block = section("curve", "The missing force as a curve", `No law is assumed: the force that explains the recordings, as a function of ${argument ? words(argument) : "one argument"}.${on}`);
-  const box = card(block, null);
-  const units = { x: curve.unit_x ?? { slider_position: "m", slider_velocity: "m/s", crank_angle: "°", crank_speed: "rad/s", contact_force: "N", time: "s" }[argument] ?? "", y: curve.unit_y ?? dict(EVIDENCE.missing_force).unit ?? "" };
-  const line = measured ? { x: curve.x, y: list(curve.y), low: curve.low, high: curve.high } : { x: table.map((pair) => pair[0]), y: table.map((pair) => pair[1]) };
-  curves(box, { label: `Free-form force over ${words(argument)}`, x: { label: words(argument) || "argument", unit: units.x }, panels: [{ label: /torque|moment/i.test(String(free.direction)) ? "missing torque" : "missing force", unit: units.y, height: 300, zero: true,
-    points: curve.points, series: [{ name: "curve", label: "free-form force", style: "after", ...line }] }] });
-  if (table.length) box.append(h("details", {}, h("summary", {}, `Table (${table.length} points)`), h("div", { class: "scroll short", tabindex: "0", role: "region", "aria-label": "Table of the force" }, h("table", {},
-    h("thead", {}, h("tr", {}, h("th", { class: "right" }, `${words(argument)} [${unitText(units.x)}]`), h("th", { class: "right" }, `force [${unitText(units.y)}]`))),
-    h("tbody", {}, table.map((_, index) => h("tr", {}, [0, 1].map((column) => h("td", { class: "right" }, number(["free_form", "table", index, column], { digits: 4 })))))))))); 
-}
-
-// ---- what could be seen
-
-function detectable() {
-  const map = dict(EVIDENCE.detectability), columns = list(map.columns), rows = list(map.rows);
-  if (!columns.length || !rows.length) return;
-  const block = section("seen", "What could be seen", "The smallest size of each effect that these sensors can show. Below it, an effect cannot be seen here, which is not the same as absent.");
-  const box = card(block, null);
-  const of = (index, key) => number(["detectability", "columns", index, key], { source: "evidence" });
-  const label = (column, index) => [isNumber(column?.clearance_mm) && h("span", {}, of(index, "clearance_mm"), " mm"), isNumber(column?.speed_rpm) && h("span", {}, of(index, "speed_rpm"), " rpm"), column?.sensors && h("span", {}, words(Array.isArray(column.sensors) ? column.sensors.join(", ") : column.sensors))];
-  box.append(h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Detectability map" }, h("table", { class: "map" },
-    h("thead", {}, h("tr", {}, h("th", {}, "Effect"), columns.map((column, index) => h("th", { class: "right" }, label(column, index))))),
-    h("tbody", {}, rows.map((row, r) => {
-      const sizes = list(row.smallest), known = sizes.filter((value) => isNumber(value) && value > 0), [low, high] = extent(known);
-      const shade = (value) => (high > low * 1.05 ? Math.round(4 * (1 - Math.log(value / low) / Math.log(high / low))) : 2);
-      return h("tr", {}, h("th", { scope: "row" }, title(row.effect), h("span", { class: "unit" }, `${words(row.parameter)}${unitText(row.unit) ? ` [${unitText(row.unit)}]` : ""}`)),
-        columns.map((_, c) => (isNumber(sizes[c]) ? h("td", { class: `right d${shade(sizes[c])}` }, number(["detectability", "rows", r, "smallest", c], { source: "evidence", digits: 2 })) : h("td", { class: "right unseen" }, "not seen"))));
-    })))));
-  box.append(h("p", { class: "hint" }, "Stronger colour: smaller sizes can be seen, within each row."));
 }
 
 // ---- checks

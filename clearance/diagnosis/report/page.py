@@ -21,7 +21,8 @@ import numpy as np
 
 from clearance.models.run_folder import write_atomically
 
-SCRIPTS = ("dom.js", "plot.js", "heat.js", "mechanism.js", "page.js")  # in this order
+# in this order
+SCRIPTS = ("dom.js", "plot.js", "heat.js", "mechanism.js", "force.js", "better.js", "seen.js", "page.js")
 DIGITS = 8  # of a number in the evidence: log-likelihoods of 1e6 that differ by 0.1 stay apart, half the size
 
 VERDICTS: Mapping[str, str] = {

@@ -85,8 +85,8 @@ function nearest(xs, x) { // xs ascending
   return Math.abs(xs[low] - x) <= Math.abs(xs[high] - x) ? low : high;
 }
 
-/* spec: { label, x: {label, unit, log, ticks}, shade: [[from, to]], zoom, panels: [{ label, unit, log, height, zero,
-   series: [{name, label, style, x, y, low, high}], points: [[x, y]], rules: [{y, label}] }], hidden: Set of names } */
+/* spec: { label, x: {label, unit, log, ticks, marks: [{x, label}]}, shade: [[from, to]], zoom, oneBand, panels: [{ label, unit, log, height, zero,
+   series: [{name, label, style, x, y, low, high}], points: [[x, y, low, high]], rules: [{y, label}] }], hidden: Set of names } */
 function curves(parent, spec) {
   const panels = spec.panels;
   const hidden = spec.hidden ?? new Set();
@@ -136,9 +136,10 @@ function curves(parent, spec) {
     panels.forEach((panel, index) => {
       const bottom = top + heights[index];
       const shown = panel.series.filter((one) => !hidden.has(one.name));
+      const banded = spec.oneBand ? shown.slice(-1) : shown; // bands over each other hide the lines
       const inside = (x) => x >= domain[0] && x <= domain[1];
       let range = [Infinity, -Infinity];
-      for (const one of shown) for (const values of [one.y, one.low, one.high]) {
+      for (const one of shown) for (const values of [one.y, ...(banded.includes(one) ? [one.low, one.high] : [])]) {
         range = extent(list(values).filter((value, at) => inside(one.x[at]) && (!panel.log || value > 0)), range);
       }
       range = extent(list(panel.points).filter((p) => inside(p[0])).map((p) => p[1]), range);
@@ -160,8 +161,13 @@ function curves(parent, spec) {
           s("text", { class: "tick", x: left - 7, y: sy(value) + 4, "text-anchor": "end" }, panel.log ? text(value, 2) : tickText(value, sy.ticks)));
       }
       if (range[0] < 0 && range[1] > 0 && !panel.log) plot.append(s("line", { class: "zero", x1: left, x2: width - right, y1: sy(0), y2: sy(0) }));
-      for (const [x, y] of list(panel.points)) if (isNumber(x) && isNumber(y)) plot.append(s("circle", { class: "dot", cx: sx(x).toFixed(1), cy: sy(y).toFixed(1), r: 1.6 }));
-      for (const one of shown) if (one.low && one.high) plot.append(s("path", { class: `band ${one.style}`, d: bandPath(one.x, one.low, one.high, sx, sy) }));
+      for (const [x, y, low, high] of list(panel.points)) {
+        if (!isNumber(x) || !isNumber(y)) continue;
+        const at = sx(x).toFixed(1);
+        if (isNumber(low) && isNumber(high)) plot.append(s("line", { class: "reach", x1: at, x2: at, y1: sy(low).toFixed(1), y2: sy(high).toFixed(1) }));
+        plot.append(s("circle", { class: "dot", cx: at, cy: sy(y).toFixed(1), r: 1.6 }));
+      }
+      for (const one of banded) if (one.low && one.high) plot.append(s("path", { class: `band ${one.style}`, d: bandPath(one.x, one.low, one.high, sx, sy) }));
       for (const one of shown) {
         let from = 0, to = one.x.length;
         while (from < to && one.x[from + 1] < domain[0]) from++;
@@ -170,6 +176,8 @@ function curves(parent, spec) {
       }
       for (const rule of list(panel.rules)) plot.append(s("line", { class: "rule", x1: left, x2: width - right, y1: sy(rule.y), y2: sy(rule.y) }),
         rule.label && s("text", { class: "tick", x: width - right - 4, y: sy(rule.y) - 5, "text-anchor": "end" }, rule.label) || "");
+      for (const mark of list(spec.x.marks)) if (inside(mark.x)) plot.append(s("line", { class: "rule", x1: sx(mark.x), x2: sx(mark.x), y1: top, y2: bottom }),
+        s("text", { class: "tick", x: sx(mark.x) + (sx(mark.x) > (left + width) / 2 ? -5 : 5), y: top + 12, "text-anchor": sx(mark.x) > (left + width) / 2 ? "end" : "start" }, mark.label));
       svg.append(plot, s("text", { class: "axis-label", x: 0, y: top - 9 }, cut(unitText(panel.unit) ? `${panel.label} [${unitText(panel.unit)}]` : panel.label, Math.floor(width / 7))));
       const overlay = s("g", {});
       svg.append(overlay);
