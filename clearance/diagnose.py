@@ -45,12 +45,8 @@ def main(cfg: DictConfig) -> None:
         OmegaConf.to_container(cfg.hypotheses) if OmegaConf.is_list(cfg.hypotheses) else cfg.hypotheses
     )
     effects = load_effects(hypotheses, list(cfg.without))
-    groups = gather(effects, setting.with_clearance(3e-4), joint)
-    if not groups:
-        raise InputError(
-            f"hypotheses = {hypotheses}: no physical effect is left to try, and instruments"
-            "' faults are not fitted yet; change hypotheses or without"
-        )
+    if not effects:
+        raise InputError(f"hypotheses = {hypotheses}: nothing is left to try; change hypotheses or without")
     low, high = _speeds(cfg.speed_range)
     most = cfg.most_effects
     if isinstance(most, bool) or not isinstance(most, int) or not 1 <= most <= 3:
@@ -60,6 +56,7 @@ def main(cfg: DictConfig) -> None:
     if not cfg.recordings:
         log.info("no recordings given: a demonstration on a simulated machine with friction on its guide")
     fitted, judged = _load(cfg, setting, channels)
+    groups = gather(effects, setting.with_clearance(3e-4), joint, fitted[0].channels)
 
     def keep(explanation: Explanation) -> None:
         rows = [

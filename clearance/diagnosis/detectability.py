@@ -162,7 +162,8 @@ def deviations(
     model, values = setting.model(), np.array([clearance, speed])
     machine = model.machine(values)
     follower = _on_its_path(machine, noise)
-    one = follower.look(machine, [*model.columns(values), *(_varied(h, machine) for h in hypotheses)])
+    columns, _ = model.columns(values)
+    one = follower.look(machine, [*columns, *(_varied(h, machine) for h in hypotheses)])
     one = _with_faults(one, follower.measured, faults)
     own = [*(model.step(values, i) for i in range(len(values))), *(h.unknowns[0].step for h in hypotheses)]
     steps = np.array([*own, *[1.0] * (len(faults) * len(ACCELERATIONS))])
@@ -206,7 +207,9 @@ def _on_its_path(machine: SliderCrank, noise: float) -> Follower:
     sigma = noise * np.where(size > 1e-6 * size.max(), size, np.median(size[size > 1e-6 * size.max()]))
     weights = filter_weights(chain, SAMPLES, REACH)
     signals = tuple(range(Signal.CRANK_ANGLE))
-    measured = Measured("nominal", values, ACCELERATIONS, signals, sigma, chain, weights)
+    measured = Measured(
+        "nominal", values, values.reshape(-1, len(signals)), 0, ACCELERATIONS, signals, sigma, chain, weights
+    )  # fmt: skip
     follower = Follower(measured, integrator, _FORCES.copy())
     codes, p = machine.codes(), machine.parameters()[:, None].copy()
     for k in range(segments):

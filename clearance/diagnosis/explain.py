@@ -1,39 +1,32 @@
 """From recordings to an explanation: nominal first, then one, two or three hypotheses beside it."""
 
-import logging
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from clearance.diagnosis.acquire import ANNEALING
-from clearance.diagnosis.alignment import align
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.measured import Measured
-from clearance.diagnosis.search import (
-    EXPLAINED,
-    FOLLOWED,
-    Attempt,
-    Beginning,
-    Candidate,
-    begin,
-    refine,
-    screen,
-)
-from clearance.diagnosis.start import distances
+from clearance.diagnosis.missing_force import Seen, free_form
+from clearance.diagnosis.screening import Hint, Screening, screen
+from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, Attempt, refine, release, tightened
+from clearance.diagnosis.suspicion import suspect
+from clearance.diagnosis.trace import Trace, aligned, loose, profile
 from clearance.errors import InputError
+from clearance.mechanism.slider_crank import SliderCrank
 
-log = logging.getLogger(__name__)
-
-CLEARANCES = tuple(np.geomspace(2e-5, 1.1e-3, 48))
-"""Clearances [m] whose free runs are compared with a recording."""
-
-_PROMISING = 10  # hypotheses that are stepped in with after screening
-_FITTED = 3  # of them, that are fitted to all recordings
-_ELSEWHERE = 45  # segments further, where a second beginning is looked for
-_SHORT = 60  # segments that are followed to judge a hypothesis
+LOOSENESS = 0.15  # of the joint's typical force: unknown forces while hypotheses are looked for
+_FITTED = 4  # hypotheses of one screening that are fitted
+_HOPEFUL = 0.1  # of the best one's gain: less is not fitted
+_DEAF = 2  # channels without which a fit is tried
+_SUSPECTED = 3  # faults of a channel that are fitted
+_TRIALS = 3  # plausible shapes of an effect that are tried where no linear look can judge it
+_PAIRS = 3  # pairs that are fitted
+_CURVES = 3  # forces of free form that are fitted
+_CONTACT = ("joint_lubrication", "restitution", "contact_stiffness", "worn_bearing")
+_VISIBLE = 6.0  # standard deviations of a score beyond which a small effect is looked at
+_WORTH = 40.0  # by which the sum of squares must fall for it
 
 
 @dataclass
@@ -43,13 +36,16 @@ class Explanation:
     Attributes:
         nominal: the machine as it is, refitted.
         attempts: hypotheses that were fitted, best first.
-        candidates: of the screening.
-        best: the attempt that explains the recordings, or the best one.
+        hints: of the first screening.
+        screening: the first one.
+        seen: unknown forces beside the best explanation, where that was not enough.
     """
 
     nominal: Attempt
     attempts: list[Attempt] = field(default_factory=list)
-    candidates: list[Candidate] = field(default_factory=list)
+    hints: list[Hint] = field(default_factory=list)
+    screening: Screening | None = None
+    seen: Seen | None = None
 
     @property
     def best(self) -> Attempt:
@@ -62,15 +58,6 @@ def penalised(attempt: Attempt) -> float:
     samples = sum(p.samples for p in attempt.fit.passes)
     shared = attempt.model.shared
     return samples * attempt.misfit + shared * np.log(samples) * max(attempt.misfit, 1.0)
-
-
-@dataclass(frozen=True)
-class Alignment:
-    """Speed [rad/s], angle at the first sample [rad], share of the variance explained."""
-
-    speed: float
-    angle: float
-    explained: float
 
 
 class Search:
@@ -86,134 +73,224 @@ class Search:
         report: Callable[[str], None],
     ) -> None:
         self.recordings, self.setting, self.groups = list(recordings), setting, groups
-        self.workers, self.report, self.started = workers, report, time.monotonic()
-        machine = setting.with_clearance(3e-4)
-        self.alignments = []
-        for one in self.recordings:
-            flat = one.values.reshape(-1, len(one.signals))
-            found = Alignment(*align(machine, flat, one.signals, one.chain.rate, speed_range))
-            report(f"{one.name}: {found.speed * 30 / np.pi:.1f} rpm")
-            self.alignments.append(found)
-        self.clearances = self._clearances(0)
+        self.workers, self.say, self.started = workers, report, time.monotonic()
+        self.alignments = [aligned(one, setting.with_clearance(3e-4), speed_range) for one in self.recordings]
+        for one, found in zip(self.recordings, self.alignments, strict=True):
+            self.report(f"{one.name}: {found.speed * 30 / np.pi:.1f} rpm")
 
-    def _clearances(self, r: int) -> np.ndarray:
-        """The clearances whose nominal free runs come nearest to recording ``r``."""
-        one, found = self.recordings[r], self.alignments[r]
-        window = range(3, min(93, len(one.values) - 12), 2)
-        away = distances(
-            one, [self.setting.with_clearance(c) for c in CLEARANCES], found.speed, found.angle, window,
-            self.workers,
-        )  # fmt: skip
-        self.distances = away
-        return np.array(CLEARANCES)[np.argsort(away)[:6]]
+    def trace(self) -> None:
+        """Find the clearance at which the motion agrees best, and the path of every recording."""
+        self.profile = profile(self.recordings, self.alignments, self.setting.with_clearance, self.workers)
+        self.clearance = self.profile.best
+        machine = self.setting.with_clearance(self.clearance)
+        self.traces = [
+            Trace.of(one, known, machine) for one, known in zip(self.recordings, self.alignments, strict=True)
+        ]
+        self.report(f"the motion alone suggests a clearance of {self.clearance * 1e3:.3f} mm")
 
-    def length(self, r: int) -> int:
-        """Segments of a stretch of recording ``r``: a revolution and a third."""
-        turn = 2.0 * np.pi / abs(self.alignments[r].speed) / self.recordings[r].segment
-        return int(max(_SHORT, 1.35 * turn))
+    @property
+    def seconds(self) -> float:
+        """Since the start [s]."""
+        return time.monotonic() - self.started
 
-    def begin_all(self, hypotheses: Sequence[Hypothesis], rows: Sequence[np.ndarray]) -> list[Beginning]:
-        """Step into every recording with a model, from candidate values."""
-        model = self.setting.model(hypotheses)
-
-        def one(r: int) -> Beginning:
-            known = self.alignments[r]
-            return begin(
-                self.recordings[r], self.setting, model, rows, self.length(r), (0.0, 0.0),
-                (known.speed, known.angle, known.explained),
-            )  # fmt: skip
-
-        with ThreadPoolExecutor(self.workers) as pool:
-            return list(pool.map(one, range(len(self.recordings))))
-
-    def attempt(
-        self, hypotheses: Sequence[Hypothesis], rows: Sequence[np.ndarray], patient: bool = True
-    ) -> Attempt:
-        """Fit a model to all recordings."""
-        beginnings = self.begin_all(hypotheses, rows)
-        model = self.setting.model(hypotheses)
-        values = np.array([b.values for b in beginnings])
-        # what is shared: the values of the recording that is followed best
-        leader = min(range(len(beginnings)), key=lambda r: beginnings[r].level * beginnings[r].scale ** 2)
-        values[:, : model.shared] = values[leader, : model.shared]
-        scale = max(b.scale for b in beginnings)
-        return refine(
-            hypotheses,
-            model,
-            [b.follower for b in beginnings],
-            values,
-            scale,
-            8 if patient else 4,
-            self.workers,
-            patient,
-        )
+    def report(self, message: str) -> None:
+        """Say what is being done, and when."""
+        self.say(f"[{self.seconds:.0f} s] {message}")
 
     def nominal(self) -> Explanation:
         """Refit the nominal machine."""
-        found = self.attempt((), [np.array([c]) for c in self.clearances], patient=False)
+        model = self.setting.model()
+        values = np.array([[self.clearance, trace.speed] for trace in self.traces])
+        followers = [trace.follower(LOOSENESS) for trace in self.traces]
+        self.free = release((), model, followers, values, self.workers)
+        self.report(f"with unknown forces: misfit {self.free.misfit:.3g}")
+        found = self.tighten((), self.free, self.free.fit.values)
         self.report(f"nominal: misfit {found.misfit:.3g}, clearance {found.fit.values[0, 0] * 1e3:.4f} mm")
         return Explanation(found)
 
-    def widen(self, explanation: Explanation, base: Attempt | None = None) -> None:
-        """Try every hypothesis beside those of ``base``, and fit the promising ones."""
-        held = base.hypotheses if base is not None else ()
-        groups = {
-            label: group
-            for label, group in self.groups.items()
-            if all(group[0].name != h.name for h in held) and _single(group[0])
-        }
-        values = base.fit.values[0][:-1] if base is not None else self.clearances[:1]
-        # the nominal machine's clearance may be far off where something is missing: look everywhere
-        clearances = [float(c) for c in (*self.clearances[:3], *CLEARANCES[4::5])]
-        if base is not None:
-            clearances = [float(base.fit.values[0, 0] * factor) for factor in (0.94, 1.0, 1.06)]
-        known = self.alignments[0]
-        found = screen(
-            self.recordings[0], self.setting, held, values, list(groups.values()), clearances, known.speed,
-            known.angle, self.workers, self.report,
+    def tighten(
+        self, hypotheses: Sequence[Hypothesis], base: Attempt, values: np.ndarray, patient: bool = True
+    ) -> Attempt:
+        """Fit a model without unknown forces, from a path that was found with them."""
+        model = self.setting.model(hypotheses)
+        return refine(
+            hypotheses, model, tightened(base.followers), values, ANNEALING[1], 8, self.workers, patient
+        )
+
+    def release(self, base: Attempt) -> Attempt:
+        """Let unknown forces in beside an attempt's hypotheses, from the path that was followed with them."""
+        followers = [trace.follower(LOOSENESS) for trace in self.traces]
+        return release(base.hypotheses, base.model, followers, base.fit.values, self.workers)
+
+    def widen(self, explanation: Explanation, free: Attempt) -> None:
+        """Fit what points where the misfit points beside ``free``, until something explains the recordings.
+
+        In order of promise and price: single effects, deaf channels (whose sensors may be at fault), effects
+        that no linear look can judge, pairs of effects.
+        """
+        groups = [g for g in self.groups.values() if all(not _same(g[0], h) for h in free.hypotheses)]
+        self.report("looking at all hypotheses at once")
+        found = screen(free, groups, self.setting.joint, self.traces[0].path.force, self.workers)
+        if not explanation.hints:
+            explanation.hints, explanation.screening = found.singles, found
+        for hint in found.singles[:5]:
+            self.report(f"  {hint.label}: promises {hint.gain:.4g}")
+        physics = [h for h in found.singles if h.hypotheses[0].kind == "physics"]
+        sensors = [h for h in found.singles if h.hypotheses[0].channel is not None]
+        likely = [h for h in physics[:_FITTED] if h.gain > _HOPEFUL * physics[0].gain]
+        likely += [h for h in found.forces[:1] if all(h.label != one.label for one in likely)]
+        channels = list(dict.fromkeys(str(h.hypotheses[0].channel) for h in sensors))
+        first = channels[:_DEAF] if sensors and physics and sensors[0].gain > physics[0].gain else []
+        steps: list[Callable[[], None]] = []
+        steps += [lambda c=c: self.deafen(explanation, free, c) for c in first]  # type: ignore[misc]
+        steps += [lambda h=h: self.follow(explanation, free, h) for h in likely]  # type: ignore[misc]
+        steps += [lambda c=c: self.deafen(explanation, free, c) for c in channels[:_DEAF] if c not in first]  # type: ignore[misc]
+        if not free.hypotheses:
+            steps += [lambda: self.begin_elsewhere(explanation, groups)]
+            steps += [lambda h=h: self.follow(explanation, free, h) for h in found.pairs[:_PAIRS]]  # type: ignore[misc]
+        for step in steps:
+            step()
+            if explained(explanation.best):
+                return
+
+    def follow(self, explanation: Explanation, free: Attempt, hint: Hint) -> None:
+        """Fit what a hint suggests beside the hypotheses of ``free``."""
+        held = [*free.hypotheses, *hint.hypotheses]
+        rows = free.fit.values
+        added = np.repeat(hint.values[None], len(rows), axis=0)
+        values = np.concatenate([rows[:, : free.model.shared], added, rows[:, free.model.shared :]], axis=1)
+        self.keep(explanation, held, lambda: self.tighten(held, free, values))
+
+    def keep(
+        self, explanation: Explanation, held: Sequence[Hypothesis], make: Callable[[], Attempt]
+    ) -> Attempt | None:
+        """Add an attempt to those that were made, unless it fails or was made before."""
+        label = " + ".join(h.label for h in held)
+        if any(a.label == label and explained(a) for a in explanation.attempts):
+            return None
+        try:
+            found = make()
+        except (InputError, np.linalg.LinAlgError) as error:
+            self.report(f"{label}: {error}")
+            return None
+        explanation.attempts.append(found)
+        shown = ", ".join(f"{v:.5g}" for v in found.fit.values[0, 1 : found.model.shared])
+        self.report(f"{found.label}: misfit {found.misfit:.3g} at {shown}")
+        return found
+
+    def deafen(self, explanation: Explanation, free: Attempt, channel: str) -> None:
+        """Fit without a channel: where that explains everything, its sensor is at fault, and how is fitted."""
+        deaf = [f.part(0, f.segments) for f in free.followers]
+        for follower in deaf:
+            follower.measured = follower.measured.without(channel)
+        try:
+            found = refine(
+                free.hypotheses, free.model, tightened(deaf), free.fit.values, ANNEALING[1], 8, self.workers,
+                False,
+            )  # fmt: skip
+        except (InputError, np.linalg.LinAlgError):
+            return
+        self.report(f"without {channel}: misfit {found.misfit:.3g}")
+        if found.scale > 1.0 or found.level > FOLLOWED:
+            return
+        hearing = [f.part(0, f.segments) for f in found.followers]
+        for follower, trace in zip(hearing, self.traces, strict=True):
+            first = follower.measured.first - trace.measured.first
+            follower.measured = trace.measured.part(first, first + follower.segments)
+        one, measured = found.fit.passes[0], hearing[0].measured
+        shape = (-1, len(measured.channels))
+        suspicions = suspect(
+            measured.values.reshape(shape), one.predicted.reshape(shape), list(measured.channels),
+            measured.chain.rate, measured.sigma, channel,
         )  # fmt: skip
-        explanation.candidates = found if base is None else explanation.candidates
-        reference = base if base is not None else explanation.nominal
+        known = {(g[0].name, g[0].channel): g[0] for g in self.groups.values()}
+        for suspicion in suspicions[:_SUSPECTED]:
+            hypothesis = known.get((suspicion.effect, channel))
+            if hypothesis is None:
+                continue
+            held = [*free.hypotheses, hypothesis]
+            shared = found.model.shared
+            added = [suspicion.parameters[u.name] for u in hypothesis.unknowns]
+            rows = found.fit.values
+            values = np.concatenate(
+                [rows[:, :shared], np.repeat([added], len(rows), axis=0), rows[:, shared:]], axis=1
+            )
+            self.keep(
+                explanation, held,
+                lambda held=held, values=values: refine(  # type: ignore[misc]
+                    held, self.setting.model(held), hearing, values, ANNEALING[2], 8, self.workers
+                ),
+            )  # fmt: skip
+            if explained(explanation.best):
+                return
 
-        def quick(candidate: Candidate) -> tuple[float, Candidate, np.ndarray]:
-            rows = [np.concatenate([v[:1], values[1:], v[1:]]) for v in (candidate.values, *candidate.rows)]
-            model = self.setting.model([*held, candidate.hypothesis])
-            best = (np.inf, candidate, rows[0])
-            for first in (3, 3 + _ELSEWHERE):  # a beginning can fail by bad luck: try another
+    def begin_elsewhere(self, explanation: Explanation, groups: Sequence[Sequence[Hypothesis]]) -> None:
+        """Fit effects that change what happens in a contact or add coordinates, from plausible sizes.
+
+        No linear look at a path without them can judge them. They are tried on the first recording alone; the
+        best are fitted to all.
+        """
+        nominal = self.setting.with_clearance(self.clearance)
+        tried: list[tuple[float, Hypothesis, np.ndarray]] = []
+        follower = self.traces[0].follower(LOOSENESS)
+        for group in groups:
+            if not (group[0].structural(nominal) or group[0].name in _CONTACT) or not _single(group[0]):
+                continue
+            for hypothesis in group[:_TRIALS]:
+                model = self.setting.model([hypothesis])
+                values = np.concatenate([[self.clearance], hypothesis.start, [self.traces[0].speed]])[None]
                 try:
-                    found = begin(
-                        self.recordings[0], self.setting, model, rows, _SHORT, (0.0, 0.0),
-                        (known.speed, known.angle, known.explained), refine=False, first=first,
-                    )  # fmt: skip
-                except InputError:
+                    machine = model.machine(values[0])
+                    one = self.traces[0] if loose(machine) == loose(nominal) else self.retrace(0, machine)
+                    follower = one.follower(LOOSENESS)
+                    found = refine(
+                        [hypothesis], model, tightened([follower]), values, ANNEALING[0], 6, 1, False
+                    )
+                except (InputError, np.linalg.LinAlgError):
                     continue
-                closer = refine(
-                    [*held, candidate.hypothesis], model, [found.follower], found.values[None], found.scale,
-                    6, patient=False,
-                )  # fmt: skip
-                misfit = closer.misfit
-                if misfit < best[0]:
-                    best = (misfit, candidate, closer.fit.values[0, :-1])
-                if misfit < FOLLOWED:
+                self.report(f"  {hypothesis.label}: misfit {found.misfit:.3g} on the first recording")
+                tried.append((found.misfit, hypothesis, found.fit.values[0]))
+                if explained(found):
                     break
-            return best
+            if tried and tried[-1][0] < EXPLAINED:
+                break
+        tried.sort(key=lambda one: one[0])
+        for misfit, hypothesis, row in tried[:2]:
+            if misfit > max(10.0 * tried[0][0], FOLLOWED) and misfit > 0.5 * explanation.best.misfit:
+                continue
+            model = self.setting.model([hypothesis])
+            values = np.array([[*row[:-1], trace.speed] for trace in self.traces])
+            machine = model.machine(values[0])
+            traces = [
+                trace if loose(machine) == loose(nominal) else self.retrace(r, machine)
+                for r, trace in enumerate(self.traces)
+            ]
+            followers = [trace.follower(LOOSENESS) for trace in traces]
+            self.keep(
+                explanation, [hypothesis],
+                lambda h=hypothesis, m=model, f=followers, v=values: refine(  # type: ignore[misc]
+                    [h], m, tightened(f), v, ANNEALING[0], 8, self.workers
+                ),
+            )  # fmt: skip
+            if explained(explanation.best):
+                return
 
-        self.report(f"[{self.seconds:.0f} s] stepping in with the {_PROMISING} nearest hypotheses")
-        with ThreadPoolExecutor(self.workers) as pool:
-            tried = sorted(pool.map(quick, found[:_PROMISING]), key=lambda one: one[0])
-        for misfit, candidate, _ in tried:
-            self.report(f"[{self.seconds:.0f} s] {candidate.hypothesis.label}: {misfit:.3g} at first")
-        for misfit, candidate, row in tried[:_FITTED]:
-            hopeless = misfit > 0.3 * reference.misfit and misfit > tried[0][0]
-            if hopeless or misfit > max(4.0 * tried[0][0], 3.0) or misfit > reference.misfit:
-                continue
-            try:
-                attempt = self.attempt([*held, candidate.hypothesis], [row])
-            except InputError as error:
-                self.report(f"{candidate.hypothesis.label}: {error}")
-                continue
-            explanation.attempts.append(attempt)
-            self.report(f"[{self.seconds:.0f} s] {attempt.label}: misfit {attempt.misfit:.3g}")
+    def retrace(self, r: int, machine: SliderCrank) -> Trace:
+        """The path of a recording for a machine with other loose joints."""
+        return Trace.of(self.recordings[r], self.alignments[r], machine)
+
+    def shape_freely(self, explanation: Explanation) -> None:
+        """Let a force of free form explain what no named effect does: the curves that promise most are fitted."""
+        base = explanation.best
+        free = self.release(base) if base.hypotheses else self.free
+        found = screen(free, [], self.setting.joint, self.traces[0].path.force, self.workers)
+        explanation.seen = found.seen
+        for curve in found.curves[:_CURVES]:
+            self.report(f"  {curve.body} {curve.direction} by {curve.argument}: promises {curve.gain:.4g}")
+            hypothesis = free_form(curve, self.setting.joint)
+            self.follow(explanation, free, Hint((hypothesis,), hypothesis.start, curve.gain, 0.0))
+            if explained(explanation.best):
+                return
 
     def prune(self, explanation: Explanation) -> None:
         """Take effects away from the best attempt as long as it explains as much without them."""
@@ -235,7 +312,7 @@ class Search:
                 shorter.append(refine(held, model, best.followers, values, ANNEALING[2], 8, self.workers))
             explanation.attempts += shorter
             for one in shorter:
-                self.report(f"[{self.seconds:.0f} s] {one.label}: misfit {one.misfit:.3g}")
+                self.report(f"{one.label}: misfit {one.misfit:.3g}")
             if explanation.best is best:
                 break
 
@@ -246,7 +323,7 @@ class Search:
             for group in self.groups.values():
                 larger = group[0]
                 names = {u.name for u in hypothesis.unknowns}
-                if larger.name != hypothesis.name or not names < {u.name for u in larger.unknowns}:
+                if not _same(larger, hypothesis) or not names < {u.name for u in larger.unknowns}:
                     continue
                 held = [*best.hypotheses[:index], larger, *best.hypotheses[index + 1 :]]
                 offset = 1 + sum(len(h.unknowns) for h in best.hypotheses[:index])
@@ -266,28 +343,24 @@ class Search:
                     held, self.setting.model(held), best.followers, values, best.scale, 8, self.workers
                 )
                 explanation.attempts.append(one)
-                self.report(f"[{self.seconds:.0f} s] {one.label}: misfit {one.misfit:.3g}")
+                self.report(f"{one.label}: misfit {one.misfit:.3g}")
 
-    @property
-    def seconds(self) -> float:
-        """Since the start [s]."""
-        return time.monotonic() - self.started
+
+def _same(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether two hypotheses are about the same thing."""
+    return one.name == other.name and one.channel == other.channel
+
+
+def _single(hypothesis: Hypothesis) -> bool:
+    """Whether it has one size beside shapes: the simplest variant of its effect."""
+    return int((~hypothesis.shapes).sum()) == 1
 
 
 def _ready(hypothesis: Hypothesis, i: int) -> float:
     """Where a further parameter begins: off, or its plausible value where that is infinite or a shape."""
-    effect = hypothesis.effect
-    if (effect is not None and effect.free[i].shape) or not np.isfinite(hypothesis.off[i]):
+    if hypothesis.shapes[i] or not np.isfinite(hypothesis.off[i]):
         return float(hypothesis.start[i])
     return float(hypothesis.off[i])
-
-
-def _single(hypothesis: Hypothesis) -> bool:
-    """Whether it is the simplest variant: one size, beside shapes; a drive has two gains."""
-    if hypothesis.effect is None:
-        return False
-    sizes = [p for p in hypothesis.effect.free if not p.shape]
-    return len(sizes) == 1 or hypothesis.name == "soft_drive"
 
 
 def explained(attempt: Attempt) -> bool:

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clearance.diagnosis.follow import Follower, Pass
+from clearance.diagnosis.follow import Follower, Pass, Path
+from clearance.diagnosis.instrument import Instrument
+from clearance.diagnosis.measured import NO_FAULT
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
@@ -39,24 +41,38 @@ class Model:
     Attributes:
         unknowns: shared ones first, then those that each recording has for itself.
         machine: makes the machine from values in that order.
+        instrument: makes the instruments from them.
+        sensing: (unknowns,) whether each is one of the instruments'; none if empty.
     """
 
     unknowns: tuple[Unknown, ...]
     machine: Callable[[np.ndarray], SliderCrank]
+    instrument: Callable[[np.ndarray], Instrument] = lambda _: NO_FAULT
+    sensing: tuple[bool, ...] = ()
 
     @property
     def shared(self) -> int:
         """Number of shared unknowns."""
         return sum(not u.own for u in self.unknowns)
 
-    def columns(self, values: np.ndarray) -> list[SliderCrank]:
-        """The machine with each unknown changed by its step (inwards at an upper bound)."""
-        machines = []
+    def columns(self, values: np.ndarray) -> tuple[list[SliderCrank | None], list[Instrument | None]]:
+        """Machine and instruments with each unknown changed by its step (inwards at an upper bound)."""
+        machines: list[SliderCrank | None] = []
+        faults: list[Instrument | None] = []
         for i in range(len(self.unknowns)):
             changed = values.copy()
             changed[i] += self.step(values, i)
-            machines.append(self.machine(changed))
-        return machines
+            sensing = bool(self.sensing) and self.sensing[i]
+            machines.append(
+                None if sensing and self.machine(changed) == self.machine(values) else self.machine(changed)
+            )
+            faults.append(self.instrument(changed) if sensing else None)
+        return machines, faults
+
+    def held(self, values: np.ndarray) -> "Model":
+        """The same without unknowns, at these values."""
+        machine, instrument = self.machine(values), self.instrument(values)
+        return Model((), lambda _: machine, lambda _: instrument)
 
     def step(self, values: np.ndarray, i: int) -> float:
         """Signed step of unknown ``i``."""
@@ -105,7 +121,14 @@ def observe(
 
     def one(job: tuple[Follower, np.ndarray]) -> Pass:
         follower, own = job
-        return follower.look(model.machine(own), model.columns(own), **options)  # type: ignore[arg-type]
+        machines, faults = model.columns(own)
+        return follower.look(
+            model.machine(own),
+            machines,
+            model.instrument(own),
+            faults,
+            **options,  # type: ignore[arg-type]
+        )
 
     jobs = list(zip(followers, values, strict=True))
     if workers == 1 or len(jobs) == 1:
@@ -169,7 +192,6 @@ def fit(
     tolerance: float = 1e-3,
     workers: int = 2,
     report: Callable[[int, float, np.ndarray], None] | None = None,
-    mending: bool = True,
     goal: float = 0.0,
     **options: object,
 ) -> Fit:
@@ -182,7 +204,6 @@ def fit(
         iterations: at most.
         tolerance: stop when the cost falls by less than this share.
         workers: threads.
-        mending: whether stretches that a step harmed are fitted on their own.
         goal: cost a sample that is good enough.
         report: called with the iteration, cost and values.
         options: for ``Follower.look``.
@@ -195,32 +216,48 @@ def fit(
     first = int(options.get("first", 0))  # type: ignore[call-overload]
     samples = sum(p.samples for p in passes)
     damping = 0.0
+    local = [np.zeros(len(p.local)) for p in passes]
     for iteration in range(iterations):
         if cost < goal * samples:
             break
         paths = [f.path.copy() for f in followers]
+        best: tuple[float, list[Path], list[Pass], np.ndarray] | None = None
         for _ in range(_TRIES):
-            for one in passes:
-                one.solve(damping)
+            for one, held in zip(passes, local, strict=True):
+                one.solve(np.maximum(damping, held))
             information, score = assemble(passes, model, values)
             information += np.diag(damping * _stiffness(model, values))
             lows, highs = _flatten(low - values, model), _flatten(high - values, model)
             change = _spread(solve_bounded(information, score, lows, highs), model, len(followers))
             moved = values + change
-            trial = _step(followers, model, values, moved, passes, first, workers, mending, options)
+            trial = _step(followers, model, values, moved, passes, first, workers, options)
             new = sum(p.cost for p in trial) if trial is not None else np.inf
-            if trial is not None and new < cost * (1.0 + 1e-9):
+            if trial is not None and new < min(cost * (1.0 + 1e-9), best[0] if best else np.inf):
+                best = new, [f.path.copy() for f in followers], trial, moved
+            torn = [_harmed(p, t) for p, t in zip(passes, trial, strict=True)] if trial is not None else []
+            harm = np.mean(np.concatenate(torn)) if torn else 1.0
+            if best is not None and (harm == 0.0 or best[0] < new):
                 break
+            if harm > _MANY:  # a bad step as a whole
+                if best is not None:
+                    break
+                damping = max(30.0 * damping, 0.3)
+            else:  # hold what it tore apart where it was, and let the rest go on
+                for held, mask in zip(local, torn, strict=True):
+                    near = np.convolve(mask, np.ones(2 * _NEAR + 1), "same")[: len(mask)] > 0.0
+                    held[near] = np.maximum(30.0 * held[near], _HOLD)
             for follower, path in zip(followers, paths, strict=True):
                 follower.path = path.copy()
-            damping = max(30.0 * damping, 0.3)
-        else:
+        if best is None:
+            for follower, path in zip(followers, paths, strict=True):
+                follower.path = path
             break
-        assert trial is not None
-        fall, values, passes = cost - new, moved, trial
-        cost = new
+        for follower, path in zip(followers, best[1], strict=True):
+            follower.path = path
+        fall, cost, passes, values = cost - best[0], best[0], best[2], best[3]
         settled = damping == 0.0
         damping = damping / 10.0 if damping > 0.1 else 0.0
+        local = [np.where(held > 0.1, held / 10.0, 0.0) for held in local]
         if report is not None:
             report(iteration, cost, values)
         if fall < tolerance * cost and settled:
@@ -239,7 +276,6 @@ def _step(
     passes: Sequence[Pass],
     first: int,
     workers: int,
-    mending: bool,
     options: dict[str, object],
 ) -> list[Pass] | None:
     """Take a Gauss-Newton step and linearise again; ``None`` where it leads nowhere a machine can be."""
@@ -249,44 +285,25 @@ def _step(
         steps = np.array([model.step(values[r], i) for i in range(len(model.unknowns))])
         follower.move(one.change((moved - values)[r] / steps), one.chart, first)
     try:
-        trial = observe(followers, model, moved, workers, **options)
-        if mending and _mend(followers, model, moved, passes, trial, first):
-            trial = observe(followers, model, moved, workers, **options)
+        return observe(followers, model, moved, workers, **options)
     except InputError:  # a law does not take these values
         return None
-    return trial
 
 
-def _mend(
-    followers: Sequence[Follower],
-    model: Model,
-    values: np.ndarray,
-    old: Sequence[Pass],
-    new: Sequence[Pass],
-    first: int,
-) -> bool:
-    """Fit anew where a step did harm: an impact that it tore apart must not hold up all other segments."""
-    found = False
-    for r, (follower, before, after) in enumerate(zip(followers, old, new, strict=True)):
-        rows = before.residual[0].size
-        harmed = ~(after.local < before.local + 0.5 * rows) & ~(after.local < 3.0 * rows)
-        if not harmed.any() or harmed.mean() > _MENDED:
-            continue
-        found = True
-        machine = model.machine(values[r])
-        for begin, end in islands(harmed, _NEAR):
-            mend(follower, machine, first + begin, first + end)
-    return found
+def _harmed(before: Pass, after: Pass) -> np.ndarray:
+    """(segments,) where a step did harm: an impact that it tore apart must not hold up all other segments."""
+    rows = before.residual[0].size
+    return ~(after.local < before.local + 0.5 * rows) & ~(after.local < 3.0 * rows)
 
 
-def mend(follower: Follower, machine: SliderCrank, first: int, last: int) -> float:
+def mend(follower: Follower, fixed: Model, first: int, last: int) -> float:
     """Fit the nodes of a short stretch between what is known on both sides; return the cost a sample."""
-    fixed, nothing = Model((), lambda _: machine), np.zeros((1, 0))
+    nothing = np.zeros((1, 0))
     first, last = max(first, 0), min(last, follower.segments)
     inside = last < follower.segments
     for scale in (10.0, 3.0, 1.0):
         found = fit(
-            [follower], fixed, nothing, 4, 5e-2, 1, mending=False, goal=GOAL if scale == 1.0 else 0.0,
+            [follower], fixed, nothing, 4, 5e-2, 1, goal=GOAL if scale == 1.0 else 0.0,
             first=first, last=last, scale=scale, doubt=_KNOWN, inside=inside,
         )  # fmt: skip
     return found.cost / max(found.passes[0].samples, 1)
@@ -301,9 +318,10 @@ def islands(mask: np.ndarray, margin: int) -> list[tuple[int, int]]:
 
 GOAL = 1.2  # cost a sample of a stretch that is followed
 _QUIET, _QUIET_MEAN = 0.9, 0.975  # share of segments, and what they cost where all cost 1 on average
-_MENDED = 0.15  # share of segments; a step that harms more is a bad step
+_MANY = 0.3  # share of segments; a step that harms more is a bad step
+_HOLD = 3.0  # damping of segments that a step harmed
 _TRIES = 4  # of damping in one iteration
-_NEAR = 5  # segments around a harmed one that are fitted with it
+_NEAR = 2  # segments around a harmed one that are held with it
 _KNOWN = 1e-3  # factor on the doubt of a node that stays where it is
 
 

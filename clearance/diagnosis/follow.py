@@ -13,7 +13,9 @@ import numpy as np
 
 from clearance.diagnosis.chart import Chart
 from clearance.diagnosis.elimination import eliminate, substitute
-from clearance.diagnosis.measured import REACH, SAMPLES, Measured
+from clearance.diagnosis.instrument import Instrument
+from clearance.diagnosis.measured import NO_FAULT, REACH, SAMPLES, Measured
+from clearance.errors import InputError
 from clearance.lanes import WIDTH
 from clearance.mechanism.parameters import JOINT_STRIDE, Family, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
@@ -66,6 +68,7 @@ class Pass:
         cost: robust sum of squares, to be compared between passes over the same stretch.
         local: (segments,) its parts.
         residual: (segments, samples, channels) measured minus predicted, in standard deviations of noise.
+        values: (segments, samples, channels) measured, faults of instruments undone.
         used: (segments, samples, channels) weight of each residual, 0 at the edges.
         defect: (segments, nz) end minus next node, in process noise.
         contacts: (segments, samples, 4) penetration and normal force of B and of C.
@@ -85,6 +88,7 @@ class Pass:
     cost: float
     local: np.ndarray
     residual: np.ndarray
+    values: np.ndarray
     used: np.ndarray
     defect: np.ndarray
     contacts: np.ndarray
@@ -98,12 +102,12 @@ class Pass:
     spread: np.ndarray = field(init=False)
     kept: np.ndarray = field(init=False)
 
-    def solve(self, damping: float = 0.0) -> "Pass":
-        """Eliminate the states, each held where it is with a weight (Levenberg)."""
+    def solve(self, damping: float | np.ndarray = 0.0) -> "Pass":
+        """Eliminate the states, each held where it is with a weight (Levenberg), one or one a segment."""
         flow, defect, inputs, own, prior, held, jacobian, sensitivity, residual = self.system
         n, rows, parameters = sensitivity.shape
         nv = jacobian.shape[3]
-        held = np.maximum(held, np.sqrt(damping) / self.reach)
+        held = np.maximum(held, np.sqrt(np.broadcast_to(damping, n))[:, None] / self.reach)
         self.kept = np.zeros((n, nv, 3 * nv + parameters + 1))
         self.gram = np.zeros((parameters + 1, parameters + 1))
         self.parts = np.zeros((n, parameters))
@@ -168,7 +172,9 @@ class Follower:
     def look(
         self,
         machine: SliderCrank,
-        columns: Sequence[SliderCrank] = (),
+        columns: Sequence[SliderCrank | None] = (),
+        instrument: Instrument = NO_FAULT,
+        faults: Sequence[Instrument | None] = (),
         first: int = 0,
         last: int | None = None,
         scale: float = 1.0,
@@ -180,7 +186,9 @@ class Follower:
 
         Args:
             machine: the model.
-            columns: the model with one parameter changed each.
+            columns: the model with one parameter changed each; ``None``: it is no parameter of the machine.
+            instrument: faults of the instruments.
+            faults: for each column the instruments with the parameter changed; ``None``: no parameter of them.
             first: first segment.
             last: one beyond the last segment; all if ``None``.
             scale: factor on the noise, above 1 while far from a solution.
@@ -205,13 +213,17 @@ class Follower:
         flow[:, :, :nz] = flow[:, :, :nz] @ bases
         jacobian[..., :nz] = jacobian[..., :nz] @ bases[:, None, None]
         own = (chart.units / noise)[None, :, None] * bases
-        weight = 1.0 / (self.measured.sigma * scale)
+        values, sigma, known = self.measured.restored(instrument)
+        for i, fault in enumerate(faults):
+            if fault is not None:
+                shared[:, 1, :, :, i] -= (self.measured.restored(fault)[0] - values)[first:last]
+        weight = 1.0 / (sigma * scale)
         jacobian *= weight[:, None]
         shared *= weight[:, None]
 
         predicted = self._predict(first, last, points)
-        residual = (self.measured.values[first:last] - predicted) * weight
-        used = np.ones_like(residual)
+        residual = (values[first:last] - predicted) * weight
+        used = known[first:last].astype(float)
         edge = 1 if inside else EDGE
         used[:edge] = 0.0
         used[-edge:] = 0.0
@@ -221,8 +233,7 @@ class Follower:
         defect[:-1] = (ends[:-1] - self.path.nodes[first + 1 : last])[:, chart.rows] / noise
         miss = np.abs(defect)
         kink = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(miss, OUTLIER)))
-        sigma = self.input_sigma
-        inputs = self.path.inputs[first:last] / sigma
+        inputs = self.path.inputs[first:last] / self.input_sigma
         local = (_huber(size) * (used > 0.0)).sum(axis=(1, 2)) + _huber(miss).sum(axis=1)
         local += (inputs**2).sum(axis=1)
         local[~np.isfinite(local)] = np.inf
@@ -248,7 +259,7 @@ class Follower:
         )  # fmt: skip
         reach = np.concatenate([chart.reach, np.full(nw, np.inf)])
         return Pass(
-            chart, float(local.sum()), local, residual * scale, used, defect, contacts, predicted,
+            chart, float(local.sum()), local, residual * scale, values[first:last], used, defect, contacts, predicted,
             self.signals[first:last], system, reach,
         )  # fmt: skip
 
@@ -271,7 +282,7 @@ class Follower:
     def _differentiate(
         self,
         machine: SliderCrank,
-        columns: Sequence[SliderCrank],
+        columns: Sequence[SliderCrank | None],
         chart: Chart,
         first: int,
         last: int,
@@ -282,7 +293,7 @@ class Follower:
         """Fill the derivatives, ``WIDTH`` - 1 of them a run; flow in SI units."""
         nz, filtered = len(chart.rows), self.measured.filtered
         nv = nz + len(INPUTS)
-        tasks = list(range(nv + len(columns)))
+        tasks = [*range(nv), *(nv + i for i, column in enumerate(columns) if column is not None)]
         nominal = None
         for begin in range(0, max(len(tasks), 1), WIDTH - 1):
             group = tasks[begin : begin + WIDTH - 1]
@@ -302,13 +313,15 @@ class Follower:
     def _shoot(
         self,
         machine: SliderCrank,
-        columns: Sequence[SliderCrank],
+        columns: Sequence[SliderCrank | None],
         tasks: Sequence[int],
         first: int,
         last: int,
         chart: Chart | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        codes, p = _joint_codes([machine, *columns]), aligned(len(machine.parameters()))
+        free = len(chart.rows) + len(INPUTS) if chart is not None else 0
+        varying = {task: column for task in tasks if task >= free and (column := columns[task - free])}
+        codes, p = _joint_codes([machine, *varying.values()]), aligned(len(machine.parameters()))
         p[:] = machine.parameters()[:, None]
         varied, change = np.full(WIDTH, -1), np.zeros(WIDTH)
         rows = np.array(INPUTS, dtype=np.int64)
@@ -320,7 +333,7 @@ class Follower:
             elif task < nz + len(INPUTS):
                 p[rows[task - nz], lane] += self.input_sigma[task - nz]
             else:
-                p[:, lane] = columns[task - nz - len(INPUTS)].parameters()
+                p[:, lane] = varying[task].parameters()
         for row in _SMOOTHING:  # of a law that is switched on for another lane
             p[row] = np.where(p[row] > 0.0, p[row], 1e-3)
         measured, n = self.measured, last - first
@@ -372,7 +385,7 @@ def _joint_codes(machines: Sequence[SliderCrank]) -> np.ndarray:
     """Laws that any of the machines has: where a machine lacks one, its parameters are zero."""
     each = np.array([machine.codes() for machine in machines])
     if (each[:, STRUCTURE] != each[0, STRUCTURE]).any():
-        raise ValueError("machines of different structure cannot share a run")
+        raise InputError("a parameter has left the range in which its effect adds coordinates to the mechanism")
     codes = each.max(axis=0)
     codes[Family.FORCE] = 1
     return codes

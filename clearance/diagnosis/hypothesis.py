@@ -8,14 +8,19 @@ import numpy as np
 
 from clearance.diagnosis.effect import Effect
 from clearance.diagnosis.fit import Model, Unknown
-from clearance.diagnosis.start import quick
+from clearance.diagnosis.instrument import Instrument
 from clearance.errors import InputError
-from clearance.mechanism.drive import Drive
+from clearance.mechanism.drive import Drive, SpeedControl
 from clearance.mechanism.joint import CLEARANCE_RANGE
 from clearance.mechanism.slider_crank import SliderCrank
 
 SMALLEST_CLEARANCE = 5e-6  # m; below, the joint is as good as ideal
 _STEP = 1e-4  # of a parameter's plausible size, for its derivative
+
+
+def settled(drive: Drive) -> Drive:
+    """The same drive without a ramp: recordings begin long after it."""
+    return replace(drive, ramp=0.0) if hasattr(drive, "ramp") else drive  # type: ignore[type-var]
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,8 @@ class Hypothesis:
         start: (unknowns,) plausible values.
         apply: the machine with it.
         effect: the named effect.
+        channel: whose sensor is at fault.
+        fault: the instruments with it; ``None`` for physics.
     """
 
     name: str
@@ -43,11 +50,25 @@ class Hypothesis:
     start: np.ndarray
     apply: Callable[[SliderCrank, np.ndarray], SliderCrank] = field(repr=False)
     effect: Effect | None = None
+    channel: str | None = None
+    fault: Callable[[Instrument, np.ndarray], Instrument] | None = field(default=None, repr=False)
 
     @property
     def label(self) -> str:
         """Name with what distinguishes its variants."""
-        return f"{self.name}({', '.join(u.name for u in self.unknowns)})" if self.effect else self.name
+        parts = [self.channel] if self.channel else []
+        return (
+            f"{self.name}({', '.join([*parts, *(u.name for u in self.unknowns)])})"
+            if self.effect
+            else self.name
+        )
+
+    @property
+    def shapes(self) -> np.ndarray:
+        """(unknowns,) whether each says how the effect is shaped, not how large it is."""
+        if self.effect is None:
+            return np.zeros(len(self.unknowns), dtype=bool)
+        return np.array([parameter.shape for parameter in self.effect.free], dtype=bool)
 
     def structural(self, machine: SliderCrank) -> bool:
         """Whether it gives the machine new coordinates."""
@@ -86,6 +107,55 @@ def of_effect(effect: Effect, machine: SliderCrank, joint: str) -> list[Hypothes
     return found
 
 
+def of_fault(effect: Effect, machine: SliderCrank, joint: str) -> Hypothesis:
+    """The hypothesis of one fault of one channel's instrument, or of the recorder's clock."""
+    off, start = effect.off(machine, joint), next(effect.starts(machine, joint))
+    names = effect.parameters
+    unknowns = []
+    for parameter in effect.free:
+        low, high = parameter.bounds
+        base = off[parameter.name] if isfinite(off[parameter.name]) else 0.0
+        step = _STEP * max(abs(start[parameter.name] - base), 1e-3 * abs(start[parameter.name]), 1e-12)
+        unknowns.append(Unknown(parameter.name, step, low, high, reach=0.3 * step / _STEP))
+
+    def named(values: np.ndarray) -> dict[str, float]:
+        return dict(zip(names, map(float, values), strict=True))
+
+    def fault(instrument: Instrument, values: np.ndarray) -> Instrument:
+        return effect.instrument(instrument, named(values))
+
+    def apply(machine: SliderCrank, values: np.ndarray) -> SliderCrank:
+        return at_pace(machine, fault(Instrument(), values).timebase)
+
+    return Hypothesis(
+        effect.name, effect.kind, effect.place(joint), effect.direction, tuple(unknowns),
+        np.array([off[n] for n in names]), np.array([start[n] for n in names]), apply, effect, effect.channel,
+        fault,
+    )  # fmt: skip
+
+
+def at_pace(machine: SliderCrank, rate_error: float) -> SliderCrank:
+    """The machine as a clock sees it whose second lasts ``1 + rate_error``: stiffer, and driven harder.
+
+    Forces count the square of the unit of time, dampings its first power. Contact and drive are carried over;
+    other laws follow within the clock's error of a part in a hundred.
+    """
+    if rate_error == 0.0:
+        return machine
+    pace = 1.0 + rate_error
+    drive = machine.drive
+    if isinstance(drive, SpeedControl):
+        drive = replace(drive, proportional=drive.proportional * pace, integral=drive.integral * pace**2)
+    joints = {
+        name: replace(
+            joint, contact=replace(joint.contact, stiffness_scale=joint.contact.stiffness_scale * pace**2)
+        )
+        for name in ("joint_b", "joint_c")
+        for joint in (getattr(machine, name),)
+    }
+    return replace(machine, drive=drive, **joints)
+
+
 @dataclass(frozen=True)
 class Setting:
     """The nominal machine and what is always unknown about it.
@@ -115,7 +185,7 @@ class Setting:
             machine = self.with_clearance(values[0])
             drive = machine.drive
             assert isinstance(drive, Drive)
-            machine = replace(machine, drive=quick(drive.at_speed(float(values[-1]))))
+            machine = replace(machine, drive=settled(drive.at_speed(float(values[-1]))))
             place = 1
             for hypothesis in hypotheses:
                 count = len(hypothesis.unknowns)
@@ -123,20 +193,40 @@ class Setting:
                 place += count
             return machine
 
-        return Model(unknowns, build)
+        def sense(values: np.ndarray) -> Instrument:
+            instrument, place = Instrument(), 1
+            for hypothesis in hypotheses:
+                count = len(hypothesis.unknowns)
+                if hypothesis.fault is not None:
+                    instrument = hypothesis.fault(instrument, values[place : place + count])
+                place += count
+            return instrument
+
+        sensing = [False] + [h.fault is not None for h in hypotheses for _ in h.unknowns] + [False]
+        return Model(unknowns, build, sense, tuple(sensing))
 
 
-def gather(effects: Sequence[Effect], machine: SliderCrank, joint: str) -> dict[str, list[Hypothesis]]:
-    """Hypotheses by label: of each variant of each physical effect, its trials."""
+def gather(
+    effects: Sequence[Effect], machine: SliderCrank, joint: str, channels: Sequence[str]
+) -> dict[str, list[Hypothesis]]:
+    """Hypotheses by label: of each variant of each effect, its trials.
+
+    Args:
+        effects: to try.
+        machine: nominal.
+        joint: B or C.
+        channels: recorded ones, whose instruments may be at fault.
+    """
     found: dict[str, list[Hypothesis]] = {}
     for effect in effects:
-        if effect.kind != "physics":
-            continue
-        for variant in effect.variants():
-            try:
-                trials = of_effect(variant, machine, joint)
-            except InputError:
-                continue
+        for variant in effect.variants(channels):
+            if effect.kind == "instrument":
+                trials = [of_fault(variant, machine, joint)]
+            else:
+                try:
+                    trials = of_effect(variant, machine, joint)
+                except InputError:
+                    continue
             if trials:
                 found[trials[0].label] = trials
     return found

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from clearance.diagnosis.instrument import Instrument
 from clearance.errors import InputError
 from clearance.recording.chain import MeasurementChain, declared_chain
 from clearance.recording.channels import CHANNELS
@@ -13,6 +14,12 @@ from clearance.simulation.layout import Signal
 REACH = 4  # segments to each side whose motion enters a filtered sample
 SAMPLES = 10  # a segment
 ENCODER_COUNTS = 4096  # a turn, unless declared
+NO_FAULT = Instrument()
+_DEAF = 1e4
+_NOISE = np.random.default_rng(0).normal(size=(4096, len(Signal)))
+_PACE = {  # power of the clock's unit of time in a channel; 2 for accelerations and torques
+    Signal.CRANK_ANGLE: 0.0, Signal.CRANK_SPEED: 1.0, Signal.SLIDER_POSITION: 0.0, Signal.SLIDER_VELOCITY: 1.0
+}  # fmt: skip
 _SIGNAL_OF = {signal.name.lower(): int(signal) for signal in Signal}
 
 
@@ -41,6 +48,8 @@ class Measured:
     Attributes:
         name: of the recording.
         values: (segments, samples, channels).
+        recorded: (samples, channels) of the whole recording that it is a part of.
+        first: segment of the whole where it begins.
         channels: their names, accelerations first.
         signals: (channels,) rows of ``Signal``.
         sigma: (channels,) standard deviation of the noise.
@@ -51,6 +60,8 @@ class Measured:
 
     name: str
     values: np.ndarray
+    recorded: np.ndarray
+    first: int
     channels: tuple[str, ...]
     signals: tuple[int, ...]
     sigma: np.ndarray
@@ -80,11 +91,38 @@ class Measured:
         sigma = np.array([noise_level(values[:, i], s) for i, s in enumerate(signals)])
         cut = values[: segments * SAMPLES].reshape(segments, SAMPLES, len(known))
         weights = filter_weights(chain, SAMPLES, REACH)
-        return Measured(name, cut, tuple(known), signals, sigma, chain, weights, silent)
+        return Measured(
+            name, cut, cut.reshape(-1, len(known)), 0, tuple(known), signals, sigma, chain, weights, silent
+        )  # fmt: skip
 
     def part(self, first: int, last: int) -> "Measured":
         """Segments ``first`` to ``last`` alone."""
-        return replace(self, values=self.values[first:last])
+        return replace(self, values=self.values[first:last], first=self.first + first)
+
+    def without(self, channel: str) -> "Measured":
+        """The same recording as if a channel's noise were so large that it says nothing."""
+        sigma = self.sigma.copy()
+        sigma[self.channels.index(channel)] *= _DEAF
+        return replace(self, sigma=sigma)
+
+    def restored(self, instrument: Instrument) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What faultless instruments would have recorded.
+
+        Returns:
+            (segments, samples, channels) values, (channels,) standard deviation of their noise, and
+            (segments, samples, channels) whether a value is known.
+        """
+        if instrument == NO_FAULT:
+            return self.values, self.sigma, np.ones(self.values.shape, dtype=bool)
+        whole, known = instrument.correct(self.recorded, self.channels, self.chain.rate)
+        free = replace(instrument, bias={}, saturation={})
+        quiet, _ = free.correct(_NOISE[:, : len(self.channels)], self.channels, self.chain.rate)
+        sigma = self.sigma * quiet.std(axis=0)
+        # a slow clock makes seconds short: rates and accelerations are counted in its own
+        pace = (1.0 + instrument.timebase) ** np.array([_PACE.get(Signal(s), 2.0) for s in self.signals])
+        part = slice(self.first * SAMPLES, self.first * SAMPLES + self.values[..., 0].size)
+        shape = self.values.shape
+        return (whole * pace)[part].reshape(shape), sigma * pace, known[part].reshape(shape)
 
     @property
     def segment(self) -> float:

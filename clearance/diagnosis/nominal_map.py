@@ -34,7 +34,7 @@ def write_nominal_map(path: Path | None = None) -> None:
     faults = faults_of_sensors(effects)
     maps = {}
     for joint, machine in _MACHINES.items():
-        groups = gather(effects, machine, joint)
+        groups = gather([e for e in effects if e.kind == "physics"], machine, joint, ())
         setting = Setting(machine, joint)
         maps[joint] = detectability_map(setting, groups, CLEARANCES, SPEEDS, sensor_sets, faults)
     write_json(path or Path(str(resources.files(__package__).joinpath(_STORED))), maps)

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from clearance.diagnosis.explain import Explanation, Search, explained, penalised
+from clearance.diagnosis.explain import LOOSENESS, Explanation, Search, explained, penalised
 from clearance.diagnosis.fit import Model, Unknown
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.mismatch import Innovations, innovations, interval, locate, root_mean_square, summary
-from clearance.diagnosis.search import Attempt, begin, refine
+from clearance.diagnosis.search import ANNEALING, Attempt, refine, release, tightened
+from clearance.diagnosis.trace import Trace, aligned
 from clearance.diagnosis.verdict import (
     equivalents,
     estimates,
@@ -27,6 +28,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 
 METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
 _SHOWN = 1500  # samples of an overlay
+_HINTS = 15  # hypotheses of the ranking that were not fitted
 _UNLIKELY = 0.25  # share of the variance that the ideal mechanism must explain
 
 
@@ -83,23 +85,28 @@ def diagnose(
                 f"its best speed ({found.speed * 30 / np.pi:.0f} rpm); is it another machine's, are channels "
                 "swapped, or is its speed outside speed_range?"
             )
+    search.trace()
     explanation = search.nominal()
     keep(explanation)
-    held: Attempt | None = None
+    free = search.free
     for _ in range(most):
         if explained(explanation.best):
             break
         before = penalised(explanation.best)
-        search.widen(explanation, held)
+        search.widen(explanation, free)
         keep(explanation)
-        if explanation.best.hypotheses and not explained(explanation.best):
+        best = explanation.best
+        if best.hypotheses and not explained(best):
             search.enlarge(explanation)
-        if penalised(explanation.best) > 0.7 * before:
+        if explained(explanation.best) or penalised(explanation.best) > 0.7 * before:
             break
-        held = explanation.best
+        free = search.release(explanation.best)
+    if not explained(explanation.best):
+        search.shape_freely(explanation)
+        keep(explanation)
     search.prune(explanation)
     withdraw(explanation)
-    report(f"[{search.seconds:.0f} s] judging on held-out recordings")
+    search.report("judging on held-out recordings")
     best, nominal = explanation.best, explanation.nominal
     after = _held_out(held_out, search, best)
     before_attempt = _held_out(held_out, search, nominal) if best is not nominal else after
@@ -161,24 +168,32 @@ def diagnose(
 
 def _held_out(held_out: Sequence[Measured], search: Search, attempt: Attempt) -> Attempt:
     """The attempt's machine beside recordings that it was not fitted to: only their speed is free."""
-    shared = attempt.fit.values[0, : attempt.model.shared]
-    model = Model(
-        (Unknown("speed", 1e-3, own=True),), lambda v: attempt.model.machine(np.append(shared, v[-1]))
-    )
-    setting = search.setting
+    model, count = attempt.model, attempt.model.shared
+    shared = attempt.fit.values[0, :count]
 
-    def one(measured: Measured) -> Any:
-        length = max(map(search.length, range(len(search.recordings))))
-        low, high = (abs(a.speed) for a in search.alignments), (abs(a.speed) for a in search.alignments)
-        return begin(
-            measured, setting, model, [np.zeros(0)], length, (0.5 * min(low), 2.0 * max(high)), refine=False
-        )
+    def whole(values: np.ndarray) -> np.ndarray:
+        return np.append(shared, values[-1])
+
+    only_speed = Model(
+        (Unknown("speed", 1e-3, own=True),),
+        lambda v: model.machine(whole(v)),
+        lambda v: model.instrument(whole(v)),
+    )
+    speeds = [abs(known.speed) for known in search.alignments]
+    near = (0.5 * min(speeds), 2.0 * max(speeds))
+    machine = model.machine(attempt.fit.values[0])
+
+    def one(measured: Measured) -> Trace:
+        return Trace.of(measured, aligned(measured, machine, near), machine)
 
     with ThreadPoolExecutor(search.workers) as pool:
-        beginnings = list(pool.map(one, held_out))
-    scale = max(b.scale for b in beginnings)
-    values = np.array([b.values for b in beginnings])
-    found = refine((), model, [b.follower for b in beginnings], values, scale, 6, search.workers)
+        traces = list(pool.map(one, held_out))
+    values = np.array([[trace.speed] for trace in traces])
+    followers = [trace.follower(LOOSENESS) for trace in traces]
+    free = release((), only_speed, followers, values, search.workers)
+    found = refine(
+        (), only_speed, tightened(free.followers), free.fit.values, ANNEALING[1], 8, search.workers
+    )
     found.fit.values = np.concatenate(
         [np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1
     )
@@ -243,14 +258,13 @@ def _ranking(explanation: Explanation, chance: dict[int, float]) -> list[dict[st
                 "note": f"misfit {attempt.misfit:.3g} (1 is perfect)",
             }
         )
-    for candidate in explanation.candidates[:20]:
-        label = candidate.hypothesis.label
-        if all(label not in str(row["name"]) for row in rows):
+    for hint in explanation.hints[:_HINTS]:
+        if all(hint.label not in str(row["name"]) for row in rows):
             rows.append(
                 {
-                    "name": label, "kind": candidate.hypothesis.kind, "log_likelihood_gain": None,
-                    "p_value": None, "parameters": {}, "asserted": False,
-                    "note": f"screened out: free runs stay {candidate.distance:.3f} standard deviations away",
+                    "name": hint.label, "kind": hint.hypotheses[0].kind,
+                    "log_likelihood_gain": 0.5 * hint.gain, "p_value": None, "parameters": {},
+                    "asserted": False, "note": "not fitted: promises less than others",
                 }
             )  # fmt: skip
     return rows

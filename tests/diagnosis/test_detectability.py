@@ -28,13 +28,13 @@ from clearance.recording.channels import ACCELERATIONS, SensorSet
 
 CLEARANCE, RPM = 3e-4, 700.0
 MACHINE = SliderCrank(joint_c=Joint(CLEARANCE))
-SETTING = Setting(MACHINE, "C")
+SETTING = Setting(MACHINE, "C", ())
 ALL = SensorSet("all", ACCELERATIONS)
 ROD = SensorSet("rod", ACCELERATIONS[4:8])
 
 
 def hypotheses(*names):
-    groups = gather(load_effects(list(names), []), MACHINE, "C")
+    groups = gather(load_effects(list(names), []), MACHINE, "C", ())
     return {h.name: h for h in differentiable(groups, MACHINE)}
 
 
@@ -75,7 +75,7 @@ def test_the_stored_map_is_complete_and_knows_where_a_recording_lies(joint):
 
 
 def test_the_stored_map_is_what_this_simulator_gives():
-    groups = gather(load_effects(["guide_friction", "joint_friction"], []), MACHINE, "C")
+    groups = gather(load_effects(["guide_friction", "joint_friction"], []), MACHINE, "C", ())
     fresh = detectability_map(SETTING, groups, [CLEARANCE], [RPM], [ROD])
     stored = {e["name"]: e for e in nominal_map("C", CLEARANCE, RPM, [])["effects"]}
     place = CLEARANCES.index(CLEARANCE), SPEEDS.index(RPM)

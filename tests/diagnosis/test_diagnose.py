@@ -71,7 +71,7 @@ def test_nothing_is_found_where_nothing_is_missing(joint, clearance):
     recording = record(machine, 2)
     whole = Measured.of(recording, chain_of(recording, "null"), "null")
     cut = 2 * len(whole.values) // 3
-    groups = gather(load_effects("physics"), setting.with_clearance(3e-4), joint)
+    groups = gather(load_effects("physics"), setting.with_clearance(3e-4), joint, recording.channels)
     outcome = diagnose(
         [whole.part(0, cut)],
         [whole.part(cut, len(whole.values))],

@@ -1,0 +1,249 @@
+"""What the unknown forces look like: as a time series, against every hypothesis, and as a curve of free form.
+
+Beside a fitted model, unknown forces on crank, rod and slider kept the simulator on the recording. Whatever
+acts there in truth shows in them, segment by segment. A hypothesis is a pattern over the segments: the forces
+on crank, rod and slider that would do the same. Regressing one on the other is a robust second witness
+beside ``screening``: a few segments with a badly understood impact hardly count. The same regression on hat
+functions of one argument gives the force of free form.
+
+References: Huber 1964, Ann. Math. Stat. 35(1), 73-101 (robust regression); Schwarz 1978, Ann. Stat. 6(2)
+(price of a parameter); de Boor 1978, A Practical Guide to Splines (piecewise linear functions).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clearance.diagnosis.fit import Unknown
+from clearance.diagnosis.follow import EDGE, INPUTS, Pass
+from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.mechanism.applied_force import TabulatedForce
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.simulation.layout import Signal
+
+_OUTLIER = 2.0  # of the scatter between neighbours, beyond which a segment counts linearly
+_ITERATIONS = 8
+_CORRELATED = 3.0  # neighbouring segments that count as one
+_KNOTS = 12  # of a curve
+_TAILS = 0.005  # of the argument's values to each side that the curve does not reach
+ARGUMENTS = ("crank_angle", "slider_position", "slider_velocity", "contact_force", "time")
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Unknown forces of all recordings, segment by segment.
+
+    Attributes:
+        forces: (segments, inputs) in standard deviations of their scatter.
+        scatter: (inputs,) between neighbouring segments [N m, N m, N].
+        arguments: name to (segments,) values in the middle of the segments.
+        first: index of each recording's first segment.
+    """
+
+    forces: np.ndarray
+    scatter: np.ndarray
+    arguments: dict[str, np.ndarray]
+    first: tuple[int, ...]
+
+
+def observe_forces(passes: Sequence[Pass], inputs: Sequence[np.ndarray], joint: str, segment: float) -> Seen:
+    """Gather the unknown forces and what they may depend on.
+
+    Args:
+        passes: of a fit with unknown forces.
+        inputs: (segments, inputs) of each [N m, N m, N].
+        joint: whose contact force counts.
+        segment: its duration [s].
+    """
+    inner = slice(EDGE, -EDGE)
+    rows = [one[inner] for one in inputs]
+    neighbours = np.concatenate([np.diff(one, axis=0) for one in rows])
+    scatter = np.maximum(1.4826 / np.sqrt(2.0) * np.median(np.abs(neighbours), axis=0), 1e-9)
+    middle = passes[0].signals.shape[1] // 2
+    found: dict[str, list[np.ndarray]] = {name: [] for name in ARGUMENTS}
+    place = 1 if joint == "B" else 3
+    for one in passes:
+        signals = one.signals[inner, middle]
+        found["crank_angle"].append(signals[:, Signal.CRANK_ANGLE] % (2.0 * np.pi))
+        found["slider_position"].append(signals[:, Signal.SLIDER_POSITION])
+        found["slider_velocity"].append(signals[:, Signal.SLIDER_VELOCITY])
+        found["contact_force"].append(one.contacts[inner, :, place].mean(axis=1))
+        found["time"].append(segment * (np.arange(len(signals)) + EDGE + 0.5))
+    lengths = np.cumsum([0, *(len(one) for one in rows)])
+    return Seen(
+        np.concatenate(rows) / scatter, scatter, {k: np.concatenate(v) for k, v in found.items()},
+        tuple(int(n) for n in lengths[:-1]),
+    )  # fmt: skip
+
+
+def patterns(
+    passes: Sequence[Pass], sigmas: Sequence[np.ndarray], columns: slice, scatter: np.ndarray
+) -> np.ndarray:
+    """(segments, inputs, columns) unknown forces that would do what a step of each column does.
+
+    Args:
+        passes: whose machine columns are asked for.
+        sigmas: (inputs,) standard deviations of the unknown forces of each.
+        columns: which of the passes' columns.
+        scatter: (inputs,) unit of the result [N m, N m, N].
+    """
+    found = []
+    for one, sigma in zip(passes, sigmas, strict=True):
+        flow = one.system[0][EDGE:-EDGE]
+        nz = flow.shape[1]
+        own = flow[:, :, nz : nz + len(INPUTS)]
+        found.append(
+            np.linalg.pinv(own) @ flow[:, :, nz + len(INPUTS) :][:, :, columns] * (sigma / scatter)[:, None]
+        )
+    return np.concatenate(found)
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A pattern's size and what it explains.
+
+    Attributes:
+        coefficients: (columns,).
+        deviations: (columns,) standard deviations.
+        gain: fall of the robust cost, in units of the scatter, correlated neighbours counted once.
+    """
+
+    coefficients: np.ndarray
+    deviations: np.ndarray
+    gain: float
+
+
+def regress(
+    seen: Seen, pattern: np.ndarray, low: np.ndarray | None = None, high: np.ndarray | None = None
+) -> Regression:
+    """Fit (segments, inputs, columns) patterns to the forces by iterated reweighting."""
+    target = seen.forces.ravel()
+    matrix = pattern.reshape(len(target), -1)
+    size = np.sqrt((matrix**2).sum(axis=0))
+    matrix = matrix / np.maximum(size, 1e-300)
+    weight = _weight(target)
+    x = np.zeros(matrix.shape[1])
+    normal = np.eye(len(x))
+    for _ in range(_ITERATIONS):
+        normal = (matrix * weight[:, None]).T @ matrix + 1e-9 * np.eye(len(x))
+        x = np.linalg.solve(normal, matrix.T @ (weight * target))
+        if low is not None and high is not None:
+            x = np.clip(x, low * size, high * size)
+        weight = _weight(target - matrix @ x)
+    left = target - matrix @ x
+    gain = float(_cost(target).sum() - _cost(left).sum()) / _CORRELATED
+    spread = np.sqrt(
+        np.diag(np.linalg.inv(normal)) * _CORRELATED * max(1.0, float((weight * left**2).mean()))
+    )
+    unit = np.maximum(size, 1e-300)
+    return Regression(x / unit, spread / unit, gain)
+
+
+def _weight(left: np.ndarray) -> np.ndarray:
+    return np.minimum(1.0, _OUTLIER / np.maximum(np.abs(left), _OUTLIER))
+
+
+def _cost(left: np.ndarray) -> np.ndarray:
+    size = np.abs(left)
+    return np.where(size <= _OUTLIER, size**2, 2.0 * _OUTLIER * size - _OUTLIER**2)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A force of free form that explains the unknown forces.
+
+    Attributes:
+        body: where it acts.
+        direction: in which.
+        argument: of ``ARGUMENTS``.
+        knots: (knots,) values of the argument.
+        forces: (knots,) [N or N m].
+        deviations: (knots,) standard deviations.
+        gain: as in ``Regression``.
+        price: of its parameters.
+    """
+
+    body: str
+    direction: str
+    argument: str
+    knots: np.ndarray
+    forces: np.ndarray
+    deviations: np.ndarray
+    gain: float
+    price: float
+
+
+def directions(joint: str) -> tuple[tuple[str, str], ...]:
+    """Bodies and directions in which a force can be missing with an ideal guide and a frame at rest."""
+    inside = f"joint_{joint.lower()}"
+    return (
+        ("crank", "torque"), ("rod", "x"), ("rod", "y"), ("rod", "moment"), ("slider", "x"),
+        (inside, "normal"), (inside, "tangential"),
+    )  # fmt: skip
+
+
+def constant(machine: SliderCrank, body: str, direction: str, size: float) -> SliderCrank:
+    """The machine with a constant force [N or N m]."""
+    return replace(machine, force=TabulatedForce(body, direction, values=(size,)))
+
+
+def curves(seen: Seen, pattern: np.ndarray, joint: str, sizes: np.ndarray) -> list[Curve]:
+    """Fit curves of every argument in every direction, best first.
+
+    Args:
+        seen: unknown forces.
+        pattern: (segments, inputs, directions) of a constant force in each.
+        joint: B or C.
+        sizes: (directions,) of those forces [N or N m].
+    """
+    found = []
+    count = len(seen.forces)
+    for d, (body, direction) in enumerate(directions(joint)):
+        for argument in ARGUMENTS:
+            values = seen.arguments[argument]
+            knots, hats = _hats(values, argument == "crank_angle")
+            fitted = regress(seen, pattern[:, :, d, None] * hats[:, None, :])
+            price = len(knots) * np.log(count / _CORRELATED)
+            found.append(
+                Curve(
+                    body, direction, argument, knots, fitted.coefficients * sizes[d],
+                    fitted.deviations * sizes[d], fitted.gain, float(price),
+                )
+            )  # fmt: skip
+    return sorted(found, key=lambda curve: curve.price - curve.gain)
+
+
+def _hats(values: np.ndarray, repeats: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Knots and (segments, knots) hat functions."""
+    if repeats:
+        knots = 2.0 * np.pi * np.arange(_KNOTS) / _KNOTS
+        distance = np.abs((values[:, None] - knots + np.pi) % (2.0 * np.pi) - np.pi) / (2.0 * np.pi / _KNOTS)
+    else:
+        low, high = np.quantile(values, [_TAILS, 1.0 - _TAILS])
+        knots = np.linspace(low, max(high, low + 1e-9), _KNOTS)
+        distance = np.abs(np.clip(values, low, high)[:, None] - knots) / (knots[1] - knots[0])
+    return knots, np.maximum(1.0 - distance, 0.0)
+
+
+def free_form(curve: Curve, joint: str) -> Hypothesis:
+    """A curve as a hypothesis whose parameters are its forces at the knots."""
+    argument = curve.argument if curve.argument != "contact_force" else f"force_{joint.lower()}"
+    repeats = argument == "crank_angle"
+    spacing = None if repeats else float(curve.knots[1] - curve.knots[0])
+    typical = float(max(np.abs(curve.forces).max(), 1e-3))
+
+    def apply(machine: SliderCrank, values: np.ndarray) -> SliderCrank:
+        law = TabulatedForce(
+            curve.body, curve.direction, argument, float(curve.knots[0]), spacing, tuple(map(float, values))
+        )
+        return replace(machine, force=law)
+
+    unknowns = tuple(
+        Unknown(f"force_at_{knot:.4g}", 1e-4 * typical, -1e5, 1e5, reach=0.3 * typical)
+        for knot in curve.knots
+    )
+    return Hypothesis(
+        "free_form", "physics", curve.body, curve.direction, unknowns, np.zeros(len(unknowns)),
+        curve.forces.copy(), apply,
+    )  # fmt: skip

@@ -1,0 +1,340 @@
+"""Where the mechanism must have been: its path from the accelerations themselves, with hardly any physics.
+
+Accelerometers on crank, rod and slider show how the journal moves in its bearing: integrating twice tells its
+place for some milliseconds, and the force that the joint must carry tells on which side of the bearing it
+rests while it is loaded. A smoother over all samples puts both together. Neither needs to know what moves the
+slider or turns the crank, so the path is right even where the simulator lacks something, and the clearance at
+which the two agree best is near the true one.
+
+Reference: iterated extended Kalman smoother, Bell 1994, SIAM J. Optim. 4(3), 626-636; unknown accelerations
+as white inputs, Gillijns & De Moor 2007, Automatica 43(1), 111-116.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from clearance.compilation import entry
+from clearance.diagnosis.measured import SAMPLES, Measured
+from clearance.diagnosis.rigid_motion import (
+    CRANK_ANGLE,
+    CRANK_SPEED,
+    FIRST_JOINT,
+    GRAVITY_X,
+    GRAVITY_Y,
+    TORQUE,
+    Felt,
+    feel,
+)
+from clearance.mechanism.parameters import JOINT_STRIDE, Parameter
+from clearance.simulation.layout import STATES, State
+from clearance.simulation.shooting import ECCENTRICITY_B, ECCENTRICITY_C
+
+_ITERATIONS = 6
+_LOADED = 0.25  # of the typical joint force: below, the journal may be anywhere
+_RADIAL, _ACROSS = 0.03, 0.5  # of the clearance: how far a loaded journal may be from where its force points
+_OUTLIER = 2.0  # doubts beyond which what a sample says of the journal loses weight (Cauchy)
+_CONTACT = (
+    0.15,
+    0.9,
+    0.04,
+)  # of the typical force, of the clearance, m/s: a node in contact has more, more, less
+_INSIDE = 0.9995  # of the clearance: largest eccentricity of a journal that does not touch
+_SMEAR = 0.02  # of the local acceleration
+_TURNING, _MOVING = 400.0, 2000.0  # rad/s^2, m/s^2: typical accelerations
+_BALANCE, _TORQUE_DRIFT = 0.02, 3.0  # N m; N m/s^0.5: how well the crank's torque balances, how it varies
+_GRAVITY = 5.0  # m/s^2 that the mechanism may lack
+_STEPS = np.array([1e-6, 1e-3, 1e-3, 1e-2, 1e-2, 1e-7, 1e-4, 1e-7, 1e-4, 1e-7, 1e-4, 1e-7, 1e-4])
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """A path through a recording.
+
+    Attributes:
+        nodes: (segments, STATES) as ``shooting`` takes them.
+        misfit: mean square over samples and channels in units of the noise, large ones counted as 9.
+        force: typical force in the joint [N].
+        speed: that the drive seems to be asked for [rad/s].
+        misfits: (channels,) the same by channel, not limited.
+    """
+
+    nodes: np.ndarray
+    misfit: float
+    force: float
+    speed: float
+    misfits: np.ndarray
+
+
+def reconstruct(
+    measured: Measured,
+    parameters: np.ndarray,
+    joints: Sequence[str],
+    speed: float,
+    angle: float,
+    samples: int | None = None,
+    robust: bool = True,
+) -> Reconstruction:
+    """Reconstruct the path of a machine whose joints have the clearances in ``parameters``.
+
+    Args:
+        measured: the recording.
+        parameters: (PARAMETERS,) of the machine.
+        joints: loose ones, B, C or both in this order.
+        speed: mean crank speed [rad/s].
+        angle: crank angle at the first sample [rad].
+        samples: of the recording to use; all if ``None``.
+        robust: whether samples that contradict the path lose weight; not while clearances are compared.
+    """
+    values = measured.values.reshape(-1, len(measured.signals))[:samples]
+    count, channels, loose = len(values), len(measured.signals), len(joints)
+    period = 1.0 / measured.chain.rate
+    states, forced = FIRST_JOINT + 4 * loose, 1 + 2 * loose
+    state, inputs = np.zeros((count, states)), np.zeros((count, forced))
+    state[:, CRANK_ANGLE] = angle + speed * period * np.arange(count)
+    state[:, CRANK_SPEED] = speed
+    blocks = [0 if joint == "B" else JOINT_STRIDE for joint in joints]
+    gaps = [float(parameters[Parameter.JOINT_CLEARANCE + block]) for block in blocks]
+    stiffness = [float(parameters[Parameter.JOINT_STIFFNESS + block]) for block in blocks]
+    start = np.zeros(states)
+    start[[CRANK_ANGLE, CRANK_SPEED]] = angle, speed
+    spread = np.zeros(states)
+    spread[[CRANK_ANGLE, CRANK_SPEED, TORQUE]] = 0.05, 0.03 * abs(speed), 3.0
+    spread[[GRAVITY_X, GRAVITY_Y]] = _GRAVITY
+    drift = np.array([_TURNING] + [_MOVING] * (2 * loose))
+    for j, gap in enumerate(gaps):
+        spread[FIRST_JOINT + 4 * j : FIRST_JOINT + 4 * j + 4] = gap, 200.0 * gap, gap, 200.0 * gap
+    noise = _noise(values, measured, parameters)
+    target, sight = np.zeros((count, 2 * loose)), np.zeros((count, 2 * loose, 2))
+    doubt = np.full((count, 2 * loose), np.inf)
+    felt = feel(parameters, joints, measured.signals, state, inputs)
+    for iteration in range(_ITERATIONS):
+        if iteration:
+            for j in range(loose):
+                rests = _resting(felt, joints[j], state, j, gaps[j], stiffness[j], robust and iteration > 2)
+                target[:, 2 * j : 2 * j + 2], sight[:, 2 * j : 2 * j + 2], doubt[:, 2 * j : 2 * j + 2] = rests
+        rows = np.column_stack([felt.signals, felt.imbalance])
+        slopes = np.zeros((count, channels + 1, states + forced))
+        for i in range(states + forced):
+            step = _STEPS[i] if i < states else 1.0
+            moved, pushed = state, inputs
+            if i < states:
+                moved = state.copy()
+                moved[:, i] += step
+            else:
+                pushed = inputs.copy()
+                pushed[:, i - states] += step
+            other = feel(parameters, joints, measured.signals, moved, pushed)
+            slopes[:, :, i] = (np.column_stack([other.signals, other.imbalance]) - rows) / step
+        seen = np.column_stack([values, np.zeros(count)]) - rows
+        seen += np.einsum("tmi,ti->tm", slopes, np.concatenate([state, inputs], axis=1))
+        smoothed = smooth(
+            period, start, spread**2, drift**2, _TORQUE_DRIFT**2 * period, slopes, seen, noise, sight, target,
+            doubt**2,
+        )  # fmt: skip
+        state, inputs = smoothed[:, :states], smoothed[:, states:]
+        felt = feel(parameters, joints, measured.signals, state, inputs)
+    error = (values - felt.signals) ** 2 / noise[:, :-1]
+    cost = np.minimum(error, 9.0).mean()
+    for j in range(loose):
+        cost += _strain(*_resting(felt, joints[j], state, j, gaps[j], stiffness[j], False), state, j)
+    nodes = np.zeros((-(-count // SAMPLES), STATES))
+    nodes[:, State.CRANK_ANGLE] = state[::SAMPLES, CRANK_ANGLE]
+    nodes[:, State.CRANK_SPEED] = state[::SAMPLES, CRANK_SPEED]
+    integral, asked = _drive(parameters, state, period)
+    nodes[:, State.DRIVE_INTEGRAL] = integral[::SAMPLES]
+    force = 0.0
+    for j, joint in enumerate(joints):
+        force = _write(nodes, felt, state, j, joint, gaps[j], stiffness[j])
+    return Reconstruction(
+        nodes, float(cost), force, asked, error.mean(axis=0)
+    )  # fmt: skip
+
+
+def _noise(values: np.ndarray, measured: Measured, p: np.ndarray) -> np.ndarray:
+    """(samples, channels + 1) variances: the sensors', and what the filter smears where axes turn.
+
+    Axes turn while a filtered impact rings. A filtered product is not the product of what is filtered.
+    """
+    filtered = values[:, : measured.filtered]
+    moving = filtered - filtered.mean(axis=0)
+    local = uniform_filter1d(moving**2, 2 * SAMPLES, axis=0).max(axis=1, initial=0.0)
+    smear = _SMEAR**2 * np.maximum(local - np.median(local), 0.0)
+    noise = np.zeros((len(values), len(measured.sigma) + 1))
+    noise[:, :-1] = measured.sigma**2
+    noise[:, : measured.filtered] += smear[:, None]
+    torque = p[Parameter.CRANK_LENGTH] * (p[Parameter.ROD_MASS] + p[Parameter.SLIDER_MASS])
+    noise[:, -1] = _BALANCE**2 + smear * torque**2
+    return noise
+
+
+def _drive(p: np.ndarray, state: np.ndarray, period: float) -> tuple[np.ndarray, float]:
+    """(samples,) integral of the drive's speed error [rad] that agrees best with the torque, and its speed."""
+    proportional, integral = p[Parameter.DRIVE_PROPORTIONAL], p[Parameter.DRIVE_INTEGRAL_GAIN]
+    if proportional <= 0.0:
+        return np.zeros(len(state)), float(state[:, CRANK_SPEED].mean())
+    time = period * np.arange(len(state))
+    turned = state[:, CRANK_ANGLE] - state[0, CRANK_ANGLE]
+    rest = state[:, TORQUE] + proportional * state[:, CRANK_SPEED] + integral * turned
+    columns = np.stack([proportional + integral * time, np.full(len(state), integral)], axis=1)
+    asked, first = np.linalg.lstsq(columns, rest, rcond=None)[0]
+    return first + asked * time - turned, float(asked)
+
+
+def _bearing_force(felt: Felt, joint: str) -> np.ndarray:
+    """(samples, 2) force of the journal on its bearing [N]: it points to where the journal rests."""
+    return felt.force_b if joint == "B" else -felt.force_c
+
+
+def _resting(
+    felt: Felt, joint: str, state: np.ndarray, j: int, gap: float, stiffness: float, settled: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What force and gap say about the eccentricity: target, direction seen, doubt [m], along and across.
+
+    Once the path has settled, a sample that contradicts it weighs little: around an impact the filter rings,
+    and the force seems to point the other way.
+    """
+    push = _bearing_force(felt, joint)
+    size = np.hypot(*push.T)
+    typical = float(np.median(size))
+    loaded = size > _LOADED * typical
+    place = state[:, [FIRST_JOINT + 4 * j, FIRST_JOINT + 4 * j + 2]]
+    distance = np.maximum(np.hypot(*place.T), 1e-9)
+    outside = ~loaded & (distance > gap)
+    normal = np.where(loaded[:, None], push / np.maximum(size, 1e-9)[:, None], place / distance[:, None])
+    depth = (size / stiffness) ** (2.0 / 3.0)
+    target = np.zeros((len(size), 2))
+    target[:, 0] = gap + np.where(loaded, depth, 0.0)
+    sight = np.stack([normal, np.stack([-normal[:, 1], normal[:, 0]], axis=1)], axis=1)
+    doubt = np.full((len(size), 2), np.inf)
+    doubt[loaded | outside, 0] = _RADIAL * gap
+    doubt[loaded, 1] = _ACROSS * gap * np.maximum(1.0, 0.3 * typical / size[loaded])
+    if settled:
+        miss = (np.einsum("tki,ti->tk", sight, place) - target) / doubt
+        doubt *= 1.0 + (np.abs(miss).sum(axis=1, keepdims=True) / _OUTLIER) ** 2
+    return target, sight, doubt
+
+
+def _strain(target: np.ndarray, sight: np.ndarray, doubt: np.ndarray, state: np.ndarray, j: int) -> float:
+    """Mean cost of a journal that is not where its force and its bearing want it."""
+    place = state[:, [FIRST_JOINT + 4 * j, FIRST_JOINT + 4 * j + 2]]
+    miss = (np.einsum("tki,ti->tk", sight, place) - target) / doubt
+    return float(np.log1p((miss / _OUTLIER) ** 2).sum(axis=1).mean())
+
+
+def _write(
+    nodes: np.ndarray, felt: Felt, state: np.ndarray, j: int, joint: str, gap: float, stiffness: float
+) -> float:
+    """Write a journal into the nodes, in contact where it carries force; return the typical force [N]."""
+    first = FIRST_JOINT + 4 * j
+    place, rate = state[:, [first, first + 2]] / gap, state[:, [first + 1, first + 3]] / gap
+    size = np.hypot(*_bearing_force(felt, joint).T)
+    typical = float(np.median(size))
+    distance = np.maximum(np.hypot(*place.T), 1e-9)
+    normal = place / distance[:, None]
+    approach = (rate * normal).sum(axis=1)
+    share, near, slow = _CONTACT
+    touching = (size > share * typical) & (distance > near) & (np.abs(approach) * gap < slow)
+    depth = (size / stiffness) ** (2.0 / 3.0) / gap
+    place = normal * np.where(touching, 1.0 + depth, np.minimum(distance, _INSIDE))[:, None]
+    rate = np.where(touching[:, None], rate - approach[:, None] * normal, rate)
+    memory, last = np.zeros(len(size)), 5e-3
+    for i in range(1, len(size)):
+        if touching[i]:
+            if not touching[i - 1]:
+                last = max(float(approach[max(i - 2, 0) : i + 1].max()) * gap, 1e-3)
+            memory[i] = last
+    x, y = ECCENTRICITY_B if joint == "B" else ECCENTRICITY_C
+    to_rate = int(State.FRAME_X_RATE)
+    nodes[:, [x, y]] = place[::SAMPLES]
+    nodes[:, [x + to_rate, y + to_rate]] = rate[::SAMPLES]
+    nodes[:, State.MEMORY_B if joint == "B" else State.MEMORY_C] = memory[::SAMPLES]
+    return typical
+
+
+@entry
+def smooth(
+    period: float,
+    start: np.ndarray,
+    variance: np.ndarray,
+    drift: np.ndarray,
+    torque_drift: float,
+    slopes: np.ndarray,
+    seen: np.ndarray,
+    noise: np.ndarray,
+    sight: np.ndarray,
+    target: np.ndarray,
+    doubt: np.ndarray,
+) -> np.ndarray:
+    """Smooth a linear motion under white accelerations (Rauch, Tung, Striebel 1965, AIAA J. 3(8), 1445).
+
+    Args:
+        period: of the samples [s].
+        start: (states,) mean of the first state.
+        variance: (states,) its variances.
+        drift: (inputs,) variances of the accelerations, new at every sample.
+        torque_drift: variance by which the torque changes in a sample.
+        slopes: (samples, rows, states + inputs) derivative of the rows seen.
+        seen: (samples, rows).
+        noise: (samples, rows) their variances.
+        sight: (samples, 2 joints, 2) direction in which an eccentricity is seen.
+        target: (samples, 2 joints) how large it is there.
+        doubt: (samples, 2 joints) variances; infinite: not seen.
+
+    Returns:
+        (samples, states + inputs).
+    """
+    count, rows, total = slopes.shape
+    inputs = drift.size
+    states = total - inputs
+    flow = np.zeros((total, total))
+    for i in range(states):
+        flow[i, i] = 1.0
+    # accelerations run straight from sample to sample: both ends of an interval move the state
+    push = np.zeros((total, inputs))
+    for i in range(inputs):
+        place = 0 if i == 0 else 5 + 2 * (i - 1)
+        flow[place, place + 1] = period
+        flow[place, states + i], push[place, i] = period * period / 3.0, period * period / 6.0
+        flow[place + 1, states + i], push[place + 1, i] = 0.5 * period, 0.5 * period
+        push[states + i, i] = 1.0
+    fresh = push @ np.diag(drift) @ push.T
+    mean, cover = np.zeros((count, total)), np.zeros((count, total, total))
+    ahead, ahead_cover = np.zeros((count, total)), np.zeros((count, total, total))
+    x, c = np.zeros(total), np.zeros((total, total))
+    x[:states] = start
+    for i in range(states):
+        c[i, i] = variance[i]
+    for i in range(inputs):
+        c[states + i, states + i] = drift[i]
+    row = np.zeros(total)
+    for t in range(count):
+        ahead[t], ahead_cover[t] = x, c
+        for m in range(rows + target.shape[1]):
+            if m < rows:
+                row[:] = slopes[t, m]
+                value, error = seen[t, m], noise[t, m]
+            else:
+                k = m - rows
+                error = doubt[t, k]
+                if not np.isfinite(error):
+                    continue
+                row[:] = 0.0
+                place = 5 + 4 * (k // 2)
+                row[place], row[place + 2] = sight[t, k, 0], sight[t, k, 1]
+                value = target[t, k]
+            across = c @ row
+            gain = across / (row @ across + error)
+            x = x + gain * (value - row @ x)
+            c = c - np.outer(gain, across)
+        c = 0.5 * (c + c.T)
+        mean[t], cover[t] = x, c
+        x, c = flow @ x, flow @ c @ flow.T
+        c[2, 2] += torque_drift
+        c += fresh
+    for t in range(count - 2, -1, -1):
+        back = np.linalg.solve(ahead_cover[t + 1], flow @ cover[t]).T
+        mean[t] = mean[t] + back @ (mean[t + 1] - ahead[t + 1])
+    return mean

@@ -1,0 +1,280 @@
+"""Which hypotheses point where the misfit points: one linear look at all of them.
+
+While unknown forces keep the simulator on the recording, the path is right whatever the model lacks, and what
+it lacks is spread over those forces and the residuals. A hypothesis that explains them lowers the cost by what
+one Gauss-Newton step in its parameters promises. The states are eliminated once for all hypotheses together
+(score tests; Rao 1948, Math. Proc. Camb. Phil. Soc. 44(1), 50-57), so hundreds cost little more than one, and
+two at a time are a matter of small matrices.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from clearance.diagnosis.follow import Pass
+from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.diagnosis.instrument import Instrument
+from clearance.diagnosis.missing_force import (
+    Curve,
+    Seen,
+    constant,
+    curves,
+    directions,
+    observe_forces,
+    patterns,
+    regress,
+)
+from clearance.diagnosis.search import Attempt
+from clearance.errors import InputError
+from clearance.mechanism.slider_crank import SliderCrank
+
+_LOUD = 0.9  # quantile of the blocks' scores above which they count as much as at it
+_PUSH, _ARM = 1e-3, 0.05  # of the joint's force, by which a direction is tried; m, its arm in a torque
+_SMALL = 1e-4  # of its plausible size, by which an effect is tried
+_FAR = 4.0  # times its plausible value: where one that vanishes at infinity is tried
+_NOT_LINEAR = (
+    "sensor_saturation",
+    "sensor_resonance",
+)  # clipping has no derivative; undoing a resonance removes noise
+_BLOCK = 5  # segments whose scores count as one
+_BESIDE = 12  # hypotheses whose pairs are looked at
+_LARGEST = 3.0  # of the plausible size, to begin a fit with at most
+
+
+@dataclass(frozen=True)
+class Hint:
+    """One or two hypotheses that promise to explain something.
+
+    Attributes:
+        hypotheses: to add.
+        values: of their parameters to begin with.
+        gain: by which the robust sum of squares would fall, in units of the noise.
+        deviations: by how many standard deviations, from the scatter of blocks of segments, its size differs
+            from none; of the last hypothesis.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    values: np.ndarray
+    gain: float
+    deviations: float
+
+    @property
+    def label(self) -> str:
+        """The hypotheses' labels."""
+        return " + ".join(h.label for h in self.hypotheses)
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A hypothesis at a small size: what its derivative is taken from."""
+
+    hypothesis: Hypothesis
+    size: int
+    step: float
+    machine: SliderCrank | None
+    instrument: Instrument | None
+
+
+def _columns(
+    groups: Sequence[Sequence[Hypothesis]], machine: SliderCrank, instrument: Instrument
+) -> list[_Column]:
+    """One column for each trial that has one size and does not change the mechanism's coordinates."""
+    columns = []
+    for hypothesis in (h for group in groups for h in group):
+        sizes = np.flatnonzero(~hypothesis.shapes)
+        if len(sizes) != 1 or hypothesis.name in _NOT_LINEAR:
+            continue
+        size = int(sizes[0])
+        values = hypothesis.start.copy()
+        if np.isfinite(hypothesis.off[size]):
+            step = _SMALL * (hypothesis.start[size] - hypothesis.off[size])
+            values[size] = hypothesis.off[size] + step
+        else:
+            step = values[size] = _FAR * hypothesis.start[size]
+        try:
+            if hypothesis.fault is not None:
+                changed = hypothesis.apply(machine, values)
+                columns.append(
+                    _Column(
+                        hypothesis, size, step, None if changed is machine else changed,
+                        hypothesis.fault(instrument, values),
+                    )
+                )  # fmt: skip
+            elif not hypothesis.structural(machine):
+                columns.append(_Column(hypothesis, size, step, hypothesis.apply(machine, values), None))
+        except InputError:
+            continue
+    return columns
+
+
+def screen(
+    attempt: Attempt, groups: Sequence[Sequence[Hypothesis]], joint: str, force: float, workers: int
+) -> "Screening":
+    """Look at all hypotheses, alone and in pairs, beside a fitted model.
+
+    Args:
+        attempt: with its paths; its parameters and the speeds are free all the while.
+        groups: hypotheses with their trials.
+        joint: the diagnosed one.
+        force: typical in that joint [N].
+        workers: threads.
+    """
+    places = directions(joint)
+    sizes = np.array([_PUSH * force * (_ARM if d in ("torque", "moment") else 1.0) for _, d in places])
+    model, count = attempt.model, len(attempt.model.unknowns)
+
+    def look(r: int) -> tuple[list[_Column], np.ndarray, np.ndarray, Pass]:
+        values = attempt.fit.values[r]
+        machine, instrument = model.machine(values), model.instrument(values)
+        columns = _columns(groups, machine, instrument)
+        pushes = [constant(machine, *place, size) for place, size in zip(places, sizes, strict=True)]
+        machines, faults = model.columns(values)
+        one = attempt.followers[r].look(
+            machine, [*machines, *(c.machine for c in columns), *pushes], instrument,
+            [*faults, *(c.instrument for c in columns), *[None] * len(pushes)], scale=attempt.scale,
+        ).solve()  # fmt: skip
+        # each recording's own unknowns, the last of the model's, are eliminated here
+        shared, total = model.shared, count + len(columns)
+        keep = [*range(shared), *range(count, total), len(one.gram) - 1]
+        own = list(range(shared, count))
+        lift = np.linalg.lstsq(one.gram[np.ix_(own, own)], one.gram[np.ix_(own, keep)], rcond=None)[0]
+        gram = one.gram[np.ix_(keep, keep)] - one.gram[np.ix_(keep, own)] @ lift
+        parts = one.parts[:, keep[:-1]] - one.parts[:, own] @ lift[:, :-1]
+        return columns, gram, parts, one
+
+    with ThreadPoolExecutor(workers) as pool:
+        looks = list(pool.map(look, range(len(attempt.followers))))
+    columns = looks[0][0]
+    gram = np.sum([gram for _, gram, _, _ in looks], axis=0) * attempt.scale**2
+    parts = np.concatenate([_blocks(parts) for _, _, parts, _ in looks]) * attempt.scale**2
+    singles, pairs = _rank(columns, gram, parts, model.shared)
+
+    passes = [one for *_, one in looks]
+    sigmas = [f.input_sigma for f in attempt.followers]
+    seen = observe_forces(
+        passes, [f.path.inputs for f in attempt.followers], joint, attempt.followers[0].measured.segment
+    )
+    every = patterns(passes, sigmas, slice(count, None), seen.scatter)
+    forces = []
+    for i, column in enumerate(columns):
+        if column.machine is None or column.instrument is not None:
+            continue
+        low, high = map(np.atleast_1d, _range(column))
+        fitted = regress(seen, every[:, :, i, None], low, high)
+        forces.append(
+            Hint(
+                (column.hypothesis,), _begun(column, float(fitted.coefficients[0])), fitted.gain,
+                float(np.abs(fitted.coefficients / np.maximum(fitted.deviations, 1e-300))[0]),
+            )
+        )  # fmt: skip
+    forces.sort(key=lambda hint: -hint.gain)
+    best: dict[str, Hint] = {}
+    for hint in forces:
+        best.setdefault(hint.label, hint)
+    found = curves(seen, every[:, :, len(columns) :], joint, sizes)
+    return Screening(singles, pairs, list(best.values()), found, seen)
+
+
+@dataclass(frozen=True)
+class Screening:
+    """What one look at all hypotheses suggests, each most promising first.
+
+    Attributes:
+        singles: by what one step of Gauss-Newton promises, one trial of each label.
+        pairs: the same for two at once.
+        forces: by how well they explain the unknown forces.
+        curves: forces of free form that explain the unknown forces.
+        seen: those forces.
+    """
+
+    singles: list[Hint]
+    pairs: list[Hint]
+    forces: list[Hint]
+    curves: list[Curve]
+    seen: Seen
+
+
+def _begun(column: _Column, change: float) -> np.ndarray:
+    """The trial's values with its size changed from off by so many steps of the column."""
+    start = column.hypothesis.start.copy()
+    if np.isfinite(column.hypothesis.off[column.size]):
+        start[column.size] = column.hypothesis.off[column.size] + change * column.step
+    return start
+
+
+def _blocks(parts: np.ndarray) -> np.ndarray:
+    whole = len(parts) // _BLOCK
+    return parts[: whole * _BLOCK].reshape(whole, _BLOCK, -1).sum(axis=1)
+
+
+def _range(column: _Column) -> tuple[float, float]:
+    """Changes that the linearisation may be trusted with, in steps of the column."""
+    hypothesis, size = column.hypothesis, column.size
+    off, unknown = hypothesis.off[size], hypothesis.unknowns[size]
+    if not np.isfinite(off):  # it vanishes at infinity; its square counts
+        return 0.0, _FAR**2
+    reach = _LARGEST * abs(hypothesis.start[size] - off)
+    ends = (max(unknown.low - off, -reach) / column.step, min(unknown.high - off, reach) / column.step)
+    return min(ends), max(ends)
+
+
+def _rank(
+    columns: Sequence[_Column], gram: np.ndarray, parts: np.ndarray, held: int
+) -> tuple[list[Hint], list[Hint]]:
+    """Gains of single columns and pairs, with the first ``held`` unknowns free."""
+    base, rest = list(range(held)), list(range(held, len(gram) - 1))
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    scaled = gram * np.outer(unit, unit)
+    lift = np.linalg.lstsq(scaled[np.ix_(base, base)], scaled[base], rcond=1e-10)[0]
+    left = scaled - scaled[:, base] @ lift
+    scores = parts * unit[:-1]
+    scores = scores[:, rest] - scores[:, base] @ lift[:, rest]
+    matrix = left[np.ix_(rest, rest)]
+    # a few blocks where an impact was put together wrongly must not speak louder than all others
+    limit = np.quantile(np.abs(scores), _LOUD, axis=0)
+    vector = np.clip(scores, -limit, limit).sum(axis=0)
+    alone = np.diag(matrix)
+    clear = alone > 1e-8
+    safe = np.where(clear, alone, 1.0)
+    low, high = np.array([_range(column) for column in columns]).T / unit[rest]
+    changes = np.where(clear, np.clip(vector / safe, low, high), 0.0)
+    gains = np.where(clear, (2.0 * vector - alone * changes) * changes, 0.0)
+    spread = np.sqrt(np.maximum((scores**2).sum(axis=0), 1e-300))
+    deviations = np.where(clear, np.abs(vector) / spread, 0.0)
+
+    def values(i: int, change: float) -> np.ndarray:
+        return _begun(columns[i], change * unit[rest[i]])
+
+    order: dict[str, int] = {}
+    for i in np.argsort(-gains):
+        order.setdefault(columns[i].hypothesis.label, int(i))
+    singles = [
+        Hint((columns[i].hypothesis,), values(i, changes[i]), float(gains[i]), float(deviations[i]))
+        for i in order.values()
+    ]
+    # pairs: every promising one with the column that gains most beside it
+    pairs: dict[tuple[str, ...], Hint] = {}
+    for i in list(order.values())[:_BESIDE]:
+        beside = matrix[i] / safe[i]
+        freed = alone - matrix[i] * beside
+        rhs = vector - vector[i] * beside
+        usable = clear & (freed > 1e-6 * safe)
+        seconds = np.where(usable, np.clip(rhs / np.where(usable, freed, 1.0), low, high), 0.0)
+        extra = np.where(usable, (2.0 * rhs - freed * seconds) * seconds, 0.0)
+        for j in np.argsort(-extra)[:_BESIDE]:
+            one, two = columns[i].hypothesis, columns[j].hypothesis
+            if (one.name == two.name and one.channel == two.channel) or not usable[j]:
+                continue
+            key = tuple(sorted((one.label, two.label)))
+            gain = float(gains[i] + extra[j])
+            if key in pairs and pairs[key].gain >= gain:
+                continue
+            second = float(seconds[j])
+            first = float(np.clip(changes[i] - beside[j] * second, low[i], high[i]))
+            pairs[key] = Hint(
+                (one, two), np.concatenate([values(i, first), values(int(j), second)]), gain,
+                float(deviations[j]),
+            )  # fmt: skip
+    return singles, sorted(pairs.values(), key=lambda hint: -hint.gain)

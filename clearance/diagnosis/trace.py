@@ -1,0 +1,152 @@
+"""Where every recording's machine was, before any hypothesis: speed, angle, clearance and path."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from clearance.diagnosis.alignment import align
+from clearance.diagnosis.follow import Follower
+from clearance.diagnosis.measured import SAMPLES, Measured
+from clearance.diagnosis.reconstruction import Reconstruction, reconstruct
+from clearance.diagnosis.search import INTEGRATOR
+from clearance.mechanism.parameters import Parameter
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.simulation.layout import State
+
+CLEARANCES = np.geomspace(1e-5, 1.3e-3, 20)
+"""Clearances [m] that are compared first."""
+
+_COMPARED = 130  # segments of each recording that tell the clearance
+_CLOSER = 6  # further clearances around the best one
+_REVOLUTIONS = 1.35  # that are followed of each recording
+_SHORTEST = 60  # segments that are followed at least
+_DRIVE = 5.0  # times as loose is the torque: a drive may be wrong by much
+_SKIPPED = 3  # segments at the beginning, which the smoother knows from one side only
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Speed [rad/s], angle at the first sample [rad], share of the variance explained."""
+
+    speed: float
+    angle: float
+    explained: float
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How well the motion agrees with each clearance [m]."""
+
+    clearance: np.ndarray
+    misfit: np.ndarray
+
+    @property
+    def best(self) -> float:
+        """The clearance at the least misfit, between the grid's points [m]."""
+        i = int(np.argmin(self.misfit))
+        if not 0 < i < len(self.misfit) - 1:
+            return float(self.clearance[i])
+        part = slice(i - 1, i + 2)
+        place = np.log(self.clearance[part])
+        a, b, _ = np.polyfit(place - place[1], self.misfit[part], 2)
+        return float(np.exp(place[1] + np.clip(-0.5 * b / a, place[0] - place[1], place[2] - place[1])))
+
+
+def profile(
+    recordings: Sequence[Measured],
+    alignments: Sequence[Alignment],
+    machine: Callable[[float], SliderCrank],
+    workers: int,
+) -> Profile:
+    """How well the motion of all recordings agrees with each clearance.
+
+    Args:
+        recordings: of one machine.
+        alignments: theirs.
+        machine: with a clearance [m].
+        workers: threads.
+    """
+
+    def misfit(clearances: np.ndarray) -> np.ndarray:
+        jobs = [(c, r) for c in clearances for r in range(len(recordings))]
+
+        def one(job: tuple[float, int]) -> float:
+            c, r = job
+            made, known = machine(c), alignments[r]
+            samples = _COMPARED * SAMPLES
+            return reconstruct(
+                recordings[r], made.parameters(), loose(made), known.speed, known.angle, samples
+            ).misfit
+
+        with ThreadPoolExecutor(workers) as pool:
+            return np.array(list(pool.map(one, jobs))).reshape(len(clearances), -1).mean(axis=1)
+
+    coarse = misfit(CLEARANCES)
+    best = int(np.argmin(coarse))
+    low, high = CLEARANCES[max(best - 1, 0)], CLEARANCES[min(best + 1, len(CLEARANCES) - 1)]
+    fine = np.geomspace(low, high, _CLOSER + 2)[1:-1]
+    clearances = np.concatenate([CLEARANCES, fine])
+    order = np.argsort(clearances)
+    return Profile(clearances[order], np.concatenate([coarse, misfit(fine)])[order])
+
+
+def loose(machine: SliderCrank) -> tuple[str, ...]:
+    """Joints with clearance."""
+    return tuple(j for j, joint in (("B", machine.joint_b), ("C", machine.joint_c)) if joint.loose)
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A recording with the path that its accelerations show.
+
+    Attributes:
+        measured: the recording.
+        alignment: of the ideal mechanism.
+        path: reconstructed.
+        arms: lever arms by which a force turns crank and rod [m].
+    """
+
+    measured: Measured
+    alignment: Alignment
+    path: Reconstruction
+    arms: tuple[float, float]
+
+    @staticmethod
+    def of(measured: Measured, alignment: Alignment, machine: SliderCrank) -> "Trace":
+        """Reconstruct the whole recording with a machine's clearances and masses."""
+        p = machine.parameters()
+        path = reconstruct(measured, p, loose(machine), alignment.speed, alignment.angle)
+        arms = (
+            _DRIVE * float(p[Parameter.CRANK_LENGTH]),
+            0.5 * float(p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]),
+        )
+        return Trace(measured, alignment, path, arms)
+
+    @property
+    def length(self) -> int:
+        """Segments that are followed: a revolution and a third, if there are as many."""
+        turn = 2.0 * np.pi / abs(self.alignment.speed) / self.measured.segment
+        wanted = int(max(_SHORTEST, _REVOLUTIONS * turn))
+        return min(wanted, len(self.path.nodes) - 2 * _SKIPPED)
+
+    @property
+    def speed(self) -> float:
+        """That the drive seems to be asked for [rpm]."""
+        return self.path.speed * 30.0 / np.pi
+
+    def follower(self, looseness: float) -> Follower:
+        """A follower on the path, with unknown forces of a share of the joint's typical force."""
+        first, last = _SKIPPED, _SKIPPED + self.length
+        forces = looseness * self.path.force * np.array([*self.arms, 1.0])
+        follower = Follower(self.measured.part(first, last), INTEGRATOR, forces)
+        follower.path.nodes[:] = self.path.nodes[first:last]
+        follower.path.nodes[:, State.TIME] = self.measured.segment * np.arange(last - first)
+        return follower
+
+
+def aligned(measured: Measured, machine: SliderCrank, speed_range: tuple[float, float]) -> Alignment:
+    """Speed and angle of a recording, as if its joints were ideal."""
+    flat = measured.values.reshape(-1, len(measured.signals))
+    return Alignment(*align(machine, flat, measured.signals, measured.chain.rate, speed_range))
