@@ -8,9 +8,11 @@ import torch
 import yaml
 from hydra import compose, initialize_config_dir
 from hydra.utils import get_object, instantiate
+from omegaconf import OmegaConf
 
 from clearance.commands import CONFIGURATION
 from clearance.provenance import describe
+from clearance.trial.draw import Scope
 
 COMMANDS = sorted(path.stem for path in CONFIGURATION.glob("*.yaml") if path.stem != "machine")
 GROUPS = sorted(path.name for path in CONFIGURATION.iterdir() if path.is_dir() and path.name != "effect")
@@ -43,6 +45,12 @@ def overrides_for(group, option):
     return [f"{group}={option}", *PATH.get(option, [])]
 
 
+def command_of(group, option):
+    if group == "experiment" and option.startswith("trial"):
+        return "trial"
+    return "train" if group.split("/")[0] in selected("train") else "bench"
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_composes(command):
     assert composed(command)
@@ -54,11 +62,13 @@ def test_every_group_is_selected_by_a_command():
 
 @pytest.mark.parametrize(("group", "option"), OPTIONS, ids=[f"{group}={option}" for group, option in OPTIONS])
 def test_every_option_is_chosen_and_makes_what_it_says(group, option):
-    command = "train" if group.split("/")[0] in selected("train") else "bench"
+    command = command_of(group, option)
     cfg = composed(command, *overrides_for(group, option))
     top, _, experiment = group.partition("/")
     assert cfg.hydra.runtime.choices[top] == (f"{experiment}/{option}" if experiment else option)
-
+    if command == "trial":
+        assert Scope(**OmegaConf.to_container(cfg.scope)).cases == cfg.scope.cases
+        return
     campaign = instantiate(cfg.campaign, _convert_="all")
     if top in MACHINE or top in IN_JOINTS:
         law = yaml.safe_load((CONFIGURATION / group / f"{option}.yaml").read_text())["_target_"]
