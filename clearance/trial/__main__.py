@@ -8,7 +8,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from clearance.commands import command, threads
+from clearance.commands import command, shard
 from clearance.errors import InputError
 from clearance.evaluation.results import put_between_marks
 from clearance.models.run_folder import write_atomically, write_json
@@ -31,16 +31,19 @@ def main(cfg: DictConfig) -> None:
     """Conceal cases, have them diagnosed, reveal and score; or one of these stages."""
     if cfg.stage not in ("all", *STAGES):
         raise InputError(f"stage = {cfg.stage!r} is unknown; choose from all, {', '.join(STAGES)}")
-    folder, sealed = Path(cfg.folder), Path(cfg.sealed)
-    parallel = threads(cfg.parallel) or 1
+    for name in ("parallel", "time_limit"):
+        if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or cfg[name] < 1:
+            raise InputError(f"{name} = {cfg[name]!r} is not a whole number, 1 or more; change {name}")
+    folder, sealed, parallel = Path(cfg.folder), Path(cfg.sealed), int(cfg.parallel)
     scope = Scope(**OmegaConf.to_container(cfg.scope))  # type: ignore[arg-type]
     if cfg.stage in ("all", "conceal"):
         published = conceal(scope, cfg.seed, folder, sealed, parallel, log.info)
         log.info("%d cases concealed; commitment SHA-256 %s", scope.cases, published["sha256"])
     if cfg.stage in ("all", "diagnose"):
         program = list(cfg.program or [sys.executable, "-m", "clearance.diagnose"])
-        Examiner(program, list(cfg.arguments), cfg.time_limit, cfg.retry).examine(folder, parallel, log.info)
-    if cfg.stage in ("all", "reveal"):
+        examiner = Examiner(program, list(cfg.arguments), cfg.time_limit, cfg.retry)
+        examiner.examine(folder, parallel, log.info, shard(cfg.shard))
+    if cfg.stage == "reveal" or (cfg.stage == "all" and shard(cfg.shard) == (1, 1)):
         log.info("verdicts committed: SHA-256 %s", commit_verdicts(folder))
         facts, cases = reveal(folder, sealed)
         lock(sealed)

@@ -37,15 +37,18 @@ class Examiner:
     time_limit: float = 600.0
     retry: bool = False
 
-    def examine(self, folder: Path, parallel: int, report: Callable[[str], None]) -> None:
+    def examine(
+        self, folder: Path, parallel: int, report: Callable[[str], None], shard: tuple[int, int] = (1, 1)
+    ) -> None:
         """Put every case to the tool that has no outcome yet.
 
         Args:
             folder: of the trial.
             parallel: processes at a time.
             report: called with progress.
+            shard: (k, n): every n-th case beginning with the k-th.
         """
-        names = sorted(path.name for path in (folder / CASES).iterdir())
+        names = sorted(path.name for path in (folder / CASES).iterdir())[shard[0] - 1 :: shard[1]]
         left = [name for name in names if not self._done(folder / VERDICTS / name)]
         report(f"{len(names) - len(left)} of {len(names)} cases have a verdict")
         running, stopped = set[subprocess.Popen[bytes]](), threading.Event()

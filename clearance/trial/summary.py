@@ -170,7 +170,7 @@ def _rate_cells(one: Mapping[str, Any]) -> tuple[str, str]:
 def _error_cells(one: Mapping[str, Any]) -> tuple[str, str]:
     if one["of"] == 0:
         return "none", ""
-    return f"median {one['median']:.2%}, 90 % below {one['p90']:.2%}", ""
+    return f"median {100 * one['median']:.2g} %, 90 % below {100 * one['p90']:.2g} %", ""
 
 
 def _number_cells(one: Mapping[str, Any]) -> tuple[str, str]:

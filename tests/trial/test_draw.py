@@ -1,4 +1,4 @@
-"""Cases: drawn from a seed, everything in every size, and circumstances that tell nothing of what is missing."""
+"""Cases: drawn from a seed, everything in every size, in circumstances that tell nothing."""
 
 from collections import Counter
 
