@@ -62,7 +62,7 @@ def _write(
     summary = facts | summarise(rows)
     write_json(folder / "result.json", {"summary": summary, "rows": rows})
     for name, figure in {
-        "power": pictures.power(rows),
+        "power": pictures.power(rows, summary["power"]),
         "confusion": pictures.confusion(summary["confusion"]),
         "estimates": pictures.estimates(rows),
     }.items():
@@ -73,7 +73,7 @@ def _write(
         write_json(Path(results), summary)
     if readme is not None:
         content = Path(readme).read_text(encoding="utf-8")
-        renewed = put_between_marks(content, "trial", text)
+        renewed = put_between_marks(content, "trial", text, "trial")
         write_atomically(Path(readme), lambda file: file.write_text(renewed, encoding="utf-8"))
     sys.stdout.write(f"\n{text}\n{failures(summary) or 'no failures'}\n")
     log.info("written to %s", folder)

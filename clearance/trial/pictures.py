@@ -12,12 +12,18 @@ Row = Mapping[str, Any]
 _COLOURS = {"right": "#1b7837", "detected": "#e08214", "missed": "#b2182b"}
 
 
-def power(rows: Sequence[Row]) -> Figure:
-    """Each thing that was missing, by how plainly it shows: named rightly, only detected, or missed."""
+def power(rows: Sequence[Row], bins: Sequence[Mapping[str, Any]]) -> Figure:
+    """Each thing that was missing, by how plainly it shows: named rightly, only detected, or missed.
+
+    Args:
+        rows: of all cases.
+        bins: ``power`` of the summary; drawn below, with exact intervals.
+    """
     shown = [row for row in rows if row["visibility"]]
     labels = sorted({_label(row) for row in shown})
-    figure = _figure(9, 0.28 * len(labels) + 1.6)
-    axes = figure.add_subplot()
+    height = 0.28 * len(labels) + 1.0
+    figure = _figure(9, height + 3.0)
+    axes, curve = figure.subplots(2, 1, sharex=True, height_ratios=[height, 2.0])
     for state, colour in _COLOURS.items():
         points = [
             (max(row["visibility"].values()), labels.index(_label(row)))
@@ -27,11 +33,20 @@ def power(rows: Sequence[Row]) -> Figure:
         x, y = zip(*points, strict=True) if points else ((), ())
         axes.scatter(np.maximum(x, 1e-2), y, s=18, alpha=0.7, color=colour, linewidths=0, label=state)
     axes.axvline(1.0, color="black", linewidth=1, linestyle=":")
-    axes.set(
-        xscale="log", xlabel="change over the detection threshold", title="What was found, by how plain it is"
-    )
+    axes.set(xscale="log", title="What was found, by how plainly it shows")
     axes.set_yticks(range(len(labels)), labels, fontsize=8)
     axes.legend(loc="lower right", fontsize=8)
+    for state in ("right", "detected"):
+        known = [one for one in bins if one[state]["of"]]
+        x = [np.sqrt(max(one["from"], 0.05) * (one["to"] or 4.0 * one["from"])) for one in known]
+        rates = np.array([[one[state][k] for k in ("rate", "low", "high")] for one in known]).reshape(-1, 3)
+        spans = np.abs(rates[:, 1:] - rates[:, :1]).T
+        curve.errorbar(
+            x, rates[:, 0], spans, fmt="o-", markersize=4, capsize=2, color=_COLOURS[state], label=state
+        )
+    curve.axvline(1.0, color="black", linewidth=1, linestyle=":")
+    curve.set(xlabel="change over the detection threshold", ylabel="share of the cases", ylim=(-0.03, 1.03))
+    curve.legend(loc="lower right", fontsize=8)
     return figure
 
 

@@ -49,11 +49,11 @@ _TURN = (-pi, pi)
 
 EFFECTS: Mapping[str, tuple[Variant, ...]] = {
     "joint_friction": (Variant({"friction_coefficient": (0.03, 0.1, 0.25)}),),
-    "joint_lubrication": (Variant({"damping": (0.5, 3.0, 20.0)}),),
-    "second_clearance": (Variant({"clearance": (5e-5, 1.5e-4, 4e-4)}),),
+    "joint_lubrication": (Variant({"damping": (0.01, 0.1, 1.0)}),),
+    "second_clearance": (Variant({"clearance": (2e-5, 8e-5, 3e-4)}),),
     "worn_bearing": (
         Variant(
-            {"amplitude": (0.05, 0.15, 0.4)},
+            {"amplitude": (0.005, 0.03, 0.15)},
             {"order": [2, 3, 4], "phase": _TURN},
             of_clearance=frozenset({"amplitude"}),
         ),
@@ -83,7 +83,7 @@ EFFECTS: Mapping[str, tuple[Variant, ...]] = {
     ),
     "rod_flexibility": (Variant({"frequency": (2000.0, 900.0, 400.0)}, {"damping_ratio": (0.01, 0.05)}),),
     "torque_ripple": (
-        Variant({"amplitude": (0.3, 1.0, 4.0)}, {"order": [2, 3, 4, 5, 6, 8, 12], "phase": _TURN}),
+        Variant({"amplitude": (0.15, 0.6, 3.0)}, {"order": [2, 3, 4, 5, 6, 8, 12], "phase": _TURN}),
     ),
     "soft_drive": (
         Variant({"proportional": (2.5, 1.0, 0.3), "integral": (100.0, 40.0, 10.0)}),
@@ -92,7 +92,7 @@ EFFECTS: Mapping[str, tuple[Variant, ...]] = {
             off={"no_load_ratio": 1.0},
         ),
     ),
-    "slider_spring": (Variant({"stiffness": (50.0, 200.0, 800.0)}, {"free_position": (0.1, 0.14)}),),
+    "slider_spring": (Variant({"stiffness": (80.0, 250.0, 800.0)}, {"free_position": (0.1, 0.14)}),),
     "process_load": (Variant({"force": (3.0, 10.0, 30.0)}, {"start": (0.085, 0.115), "end": (0.13, 0.16)}),),
     "gravity": (
         Variant({"gravity_y": (-2.0, -5.0, -9.81)}),
@@ -104,13 +104,13 @@ EFFECTS: Mapping[str, tuple[Variant, ...]] = {
 }
 
 FAULTS: Mapping[str, Variant] = {
-    "sensor_gain": Variant({"gain": (1.03, 1.1, 1.3)}, off={"gain": 1.0}, signed=True),
-    "sensor_bias": Variant({"bias": (3.0, 15.0, 60.0)}, signed=True),
-    "sensor_misalignment": Variant({"angle": (0.03, 0.09, 0.25)}, signed=True),
+    "sensor_gain": Variant({"gain": (1.05, 1.15, 1.35)}, off={"gain": 1.0}, signed=True),
+    "sensor_bias": Variant({"bias": (5.0, 20.0, 80.0)}, signed=True),
+    "sensor_misalignment": Variant({"angle": (0.05, 0.15, 0.35)}, signed=True),
     "sensor_delay": Variant({"delay": (2e-5, 6e-5, 2e-4)}),
-    "sensor_resonance": Variant({"frequency": (4000.0, 2000.0, 1000.0)}, {"damping_ratio": (0.03, 0.1)}),
-    "sensor_saturation": Variant({"limit": (0.01, 0.05, 0.15)}),
-    "timebase": Variant({"rate_error": (2e-3, 5e-3, 2e-2)}, signed=True),
+    "sensor_resonance": Variant({"frequency": (3000.0, 1500.0, 700.0)}, {"damping_ratio": (0.03, 0.1)}),
+    "sensor_saturation": Variant({"limit": (0.05, 0.2, 0.4)}),
+    "timebase": Variant({"rate_error": (5e-3, 1.5e-2, 5e-2)}, signed=True),
 }
 """Angles in rad; the limit of a saturation by the share of the samples that it clips."""
 
@@ -132,10 +132,10 @@ class Force:
     place: Place
 
 
-_SLIDER: Sizes = (2.0, 6.0, 18.0)
-_MOMENT: Sizes = (0.02, 0.06, 0.2)
+_SLIDER: Sizes = (3.0, 9.0, 25.0)
+_MOMENT: Sizes = (0.05, 0.2, 0.8)
 _TORQUE: Sizes = (0.5, 2.0, 6.0)
-_FRAME: Sizes = (20.0, 60.0, 200.0)
+_FRAME: Sizes = (60.0, 200.0, 600.0)
 
 FORCES: Mapping[str, Force] = {
     "slider_by_position": Force(

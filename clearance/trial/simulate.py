@@ -90,7 +90,7 @@ def scenes_of(secrets: Mapping[str, Any]) -> list[Scene]:
 
 def _end(session: Session) -> float:
     # a slow clock's recording lasts a little longer than it says
-    return round(session.record_start + 1.03 * session.duration + 2 * MARGIN, 4)
+    return round(session.record_start + 1.07 * session.duration + 2 * MARGIN, 4)
 
 
 def _samples(session: Session) -> int:

@@ -1,6 +1,7 @@
 """The score: counts that are known in advance, and errors of the tool that it must notice."""
 
 import json
+import subprocess
 from dataclasses import replace
 
 import pytest
@@ -12,6 +13,7 @@ from clearance.trial.reveal import Revealed, reveal
 from clearance.trial.score import score_case
 from clearance.trial.simulate import simulate
 from clearance.trial.summary import failures, rate, summarise, table
+from tests.command_line import command, environment
 from tests.trial.tool import verdict
 
 SESSION = Session(speed_rpm=700.0, start_angle=0.4, record_start=0.25, duration=0.2)
@@ -217,6 +219,31 @@ def test_a_result_is_plain_data_with_tables_and_pictures(trial, tmp_path):
     summary, rows = score_of(trial, right_answers(trial))
     assert json.loads(json.dumps({"summary": summary, "rows": rows}, allow_nan=False))["summary"] == summary
     assert "| false alarms where nothing is missing | 0 of 1 (0%)" in table(summary)
-    for figure in (pictures.power(rows), pictures.confusion(summary["confusion"]), pictures.estimates(rows)):
+    for figure in (
+        pictures.power(rows, summary["power"]),
+        pictures.confusion(summary["confusion"]),
+        pictures.estimates(rows),
+    ):
         figure.savefig(tmp_path / "a.png")
         assert (tmp_path / "a.png").stat().st_size > 5000
+
+
+@pytest.mark.slow
+def test_a_small_trial_of_the_tool_itself(tmp_path):
+    """One null, one effect, one force outside the list: concealed, diagnosed, revealed, scored."""
+    settings = (
+        "seed=7", "folder=trial", "sealed=sealed", "parallel=2", "time_limit=600", "hydra.run.dir=run",
+        "scope.cases=3", "scope.shares={none: 1, effect: 1, instrument: 0, pair: 0, outside: 1, left_out: 0}",
+        "scope.noise=[[0.01,1]]", "scope.sensors={all: 1, seven: 0, rod: 0}", "results=published/trial.json",
+    )  # fmt: skip
+    done = subprocess.run(
+        command("trial", *settings), cwd=tmp_path, env=environment(), capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert "commitment SHA-256" in done.stdout
+    assert done.stdout.index("commitment SHA-256") < done.stdout.index("verdicts committed")
+    summary = json.loads((tmp_path / "published/trial.json").read_text())
+    assert summary["seed"] == 7
+    assert summary["false_alarms"]["count"] == 0
+    assert summary["detected"]["of"] - summary["detected"]["count"] <= summary["without_verdict"]
+    assert (tmp_path / "trial/power.png").stat().st_size > 5000
