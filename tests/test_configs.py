@@ -8,11 +8,9 @@ import torch
 import yaml
 from hydra import compose, initialize_config_dir
 from hydra.utils import get_object, instantiate
-from omegaconf import OmegaConf
 
 from clearance.commands import CONFIGURATION
 from clearance.provenance import describe
-from clearance.trial.draw import Scope
 
 COMMANDS = sorted(path.stem for path in CONFIGURATION.glob("*.yaml") if path.stem != "machine")
 GROUPS = sorted(path.name for path in CONFIGURATION.iterdir() if path.is_dir() and path.name != "effect")
@@ -67,7 +65,7 @@ def test_every_option_is_chosen_and_makes_what_it_says(group, option):
     top, _, experiment = group.partition("/")
     assert cfg.hydra.runtime.choices[top] == (f"{experiment}/{option}" if experiment else option)
     if command == "trial":
-        assert Scope(**OmegaConf.to_container(cfg.scope)).cases == cfg.scope.cases
+        assert instantiate(cfg.scope, _convert_="all").cases == cfg.scope.cases
         return
     campaign = instantiate(cfg.campaign, _convert_="all")
     if top in MACHINE or top in IN_JOINTS:

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from hydra.utils import instantiate
+from omegaconf import DictConfig
 
 from clearance.commands import command, shard
 from clearance.errors import InputError
@@ -14,11 +15,9 @@ from clearance.evaluation.results import put_between_marks
 from clearance.models.run_folder import write_atomically, write_json
 from clearance.trial import pictures
 from clearance.trial.conceal import conceal
-from clearance.trial.draw import Scope
 from clearance.trial.examine import Examiner
 from clearance.trial.reveal import commit_verdicts, reveal
 from clearance.trial.score import score_case
-from clearance.trial.seal import lock
 from clearance.trial.summary import failures, summarise, table
 
 log = logging.getLogger(__name__)
@@ -34,19 +33,19 @@ def main(cfg: DictConfig) -> None:
     for name in ("parallel", "time_limit"):
         if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or cfg[name] < 1:
             raise InputError(f"{name} = {cfg[name]!r} is not a whole number, 1 or more; change {name}")
+    part = shard(cfg.shard)
     folder, sealed, parallel = Path(cfg.folder), Path(cfg.sealed), int(cfg.parallel)
-    scope = Scope(**OmegaConf.to_container(cfg.scope))  # type: ignore[arg-type]
+    scope = instantiate(cfg.scope, _convert_="all")
     if cfg.stage in ("all", "conceal"):
         published = conceal(scope, cfg.seed, folder, sealed, parallel, log.info)
         log.info("%d cases concealed; commitment SHA-256 %s", scope.cases, published["sha256"])
     if cfg.stage in ("all", "diagnose"):
         program = list(cfg.program or [sys.executable, "-m", "clearance.diagnose"])
         examiner = Examiner(program, list(cfg.arguments), cfg.time_limit, cfg.retry)
-        examiner.examine(folder, parallel, log.info, shard(cfg.shard))
-    if cfg.stage == "reveal" or (cfg.stage == "all" and shard(cfg.shard) == (1, 1)):
+        examiner.examine(folder, parallel, log.info, part)
+    if cfg.stage == "reveal" or (cfg.stage == "all" and part == (1, 1)):
         log.info("verdicts committed: SHA-256 %s", commit_verdicts(folder))
         facts, cases = reveal(folder, sealed)
-        lock(sealed)
         rows = [score_case(one) for one in cases]
         _write(folder, facts, rows, cfg.results, cfg.readme)
 

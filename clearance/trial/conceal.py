@@ -59,6 +59,17 @@ def conceal(
     return published
 
 
+def names_of(folder: Path) -> list[str]:
+    """The cases of a trial.
+
+    Raises:
+        InputError: if nothing was concealed there, to the end.
+    """
+    if not (folder / COMMITMENT).exists():
+        raise InputError(f"folder = {folder}: no concealed cases there; run stage=conceal or set folder")
+    return sorted(path.name for path in (folder / CASES).iterdir())
+
+
 def _plain(scope: Scope) -> Any:
     return json.loads(json.dumps(describe(scope)))
 

@@ -51,7 +51,7 @@ class Scope:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
                 raise InputError(
-                    f"{name} = {value!r} is not a whole number in [{least}, {most}]; change {name}"
+                    f"{name} = {value!r} is not a whole number in [{least}, {most}]; change scope.{name}"
                 )
         for name, allowed in (("shares", KINDS), ("sensors", tuple(SENSORS))):
             given = getattr(self, name)
@@ -60,14 +60,14 @@ class Scope:
                 raise InputError(f"{name}.{wrong[0]} is unknown; choose from {', '.join(allowed)}")
             if min(given.values(), default=-1.0) < 0.0 or sum(given.values()) <= 0.0:
                 raise InputError(
-                    f"{name} = {dict(given)} must be shares of at least 0, not all 0; change {name}"
+                    f"{name} = {dict(given)} must be shares of at least 0, not all 0; change scope.{name}"
                 )
         limits = (("clearance_range", 1e-6, 2e-3), ("speed_range", 100.0, 3000.0), ("seconds", 0.2, 60.0))
         for name, low, high in limits:
             given = getattr(self, name)
             if len(given) != 2 or not low <= given[0] <= given[1] <= high:
                 raise InputError(
-                    f"{name} = {list(given)} is not a rising pair in [{low:g}, {high:g}]; change {name}"
+                    f"{name} = {list(given)} is not a rising pair in [{low:g}, {high:g}]; change scope.{name}"
                 )
 
 

@@ -14,9 +14,10 @@ from typing import Any
 
 from clearance.models.run_folder import read_json, write_json
 from clearance.trial.case import KNOWN_FRAME
-from clearance.trial.conceal import CASE, CASES
+from clearance.trial.conceal import CASE, CASES, names_of
 
-VERDICTS, DIAGNOSIS, OUTCOME = "verdicts", "diagnosis.json", "outcome.json"
+VERDICTS, VERDICT = "verdicts", "verdict.json"
+_DIAGNOSIS = "diagnosis.json"
 _LOG = "output.txt"
 _ROOT = Path(__file__).parents[2]
 
@@ -48,7 +49,7 @@ class Examiner:
             report: called with progress.
             shard: (k, n): every n-th case beginning with the k-th.
         """
-        names = sorted(path.name for path in (folder / CASES).iterdir())[shard[0] - 1 :: shard[1]]
+        names = names_of(folder)[shard[0] - 1 :: shard[1]]
         left = [name for name in names if not self._done(folder / VERDICTS / name)]
         report(f"{len(names) - len(left)} of {len(names)} cases have a verdict")
         running, stopped = set[subprocess.Popen[bytes]](), threading.Event()
@@ -64,9 +65,9 @@ class Examiner:
                 _end(process)
 
     def _done(self, place: Path) -> bool:
-        if not (place / OUTCOME).exists():
+        if not (place / VERDICT).exists():
             return False
-        return not (self.retry and read_json(place / OUTCOME)["failure"])
+        return not (self.retry and read_json(place / VERDICT)["failure"])
 
     def command(self, folder: Path, name: str) -> list[str]:
         """The command line for a case."""
@@ -85,7 +86,7 @@ class Examiner:
     ) -> None:  # fmt: skip
         place = folder / VERDICTS / name
         place.mkdir(parents=True, exist_ok=True)
-        for outdated in (OUTCOME, DIAGNOSIS):
+        for outdated in (VERDICT, _DIAGNOSIS):
             (place / outdated).unlink(missing_ok=True)
         began = time.monotonic()
         with (place / _LOG).open("wb") as log:
@@ -96,29 +97,32 @@ class Examiner:
         running.add(process)
         try:
             process.wait(self.time_limit)
-            failure = _failure(process.returncode, place)
+            failure, diagnosis = _answer(process.returncode, place)
         except subprocess.TimeoutExpired:
-            failure = f"no verdict within {self.time_limit:g} s"
+            failure, diagnosis = f"no verdict within {self.time_limit:g} s", None
         finally:
             _end(process)
             running.discard(process)
         if stopped.is_set():
             return
         seconds = round(time.monotonic() - began, 1)
-        write_json(place / OUTCOME, {"seconds": seconds, "failure": failure})
-        report(f"{name}: {failure or read_json(place / DIAGNOSIS)['verdict']} ({seconds:.0f} s)")
+        # A copy, whole in one file: what a process of an earlier, killed trial still writes cannot change it.
+        write_json(place / VERDICT, {"seconds": seconds, "failure": failure, "diagnosis": diagnosis})
+        report(f"{name}: {diagnosis['verdict'] if diagnosis else failure} ({seconds:.0f} s)")
 
 
-def _failure(code: int, place: Path) -> str | None:
-    """Why there is no verdict, or ``None``."""
+def _answer(code: int, place: Path) -> tuple[str | None, dict[str, Any] | None]:
+    """Why there is no diagnosis, or ``None``; the diagnosis, or ``None``."""
     if code != 0:
         lines = (place / _LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        return f"exit code {code}: {lines[-1][:300] if lines else 'no output'}"
+        return f"exit code {code}: {lines[-1][:300] if lines else 'no output'}", None
     try:
-        content: Any = json.loads((place / DIAGNOSIS).read_text(encoding="utf-8"))
+        content: Any = json.loads((place / _DIAGNOSIS).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        return f"no readable diagnosis.json ({error})"
-    return None if isinstance(content, dict) and "verdict" in content else "diagnosis.json has no verdict"
+        return f"no readable {_DIAGNOSIS} ({error})", None
+    if not isinstance(content, dict) or "verdict" not in content:
+        return f"{_DIAGNOSIS} has no verdict", None
+    return None, content
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

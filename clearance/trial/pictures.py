@@ -38,11 +38,11 @@ def power(rows: Sequence[Row], bins: Sequence[Mapping[str, Any]]) -> Figure:
     axes.legend(loc="lower right", fontsize=8)
     for state in ("right", "detected"):
         known = [one for one in bins if one[state]["of"]]
-        x = [np.sqrt(max(one["from"], 0.05) * (one["to"] or 4.0 * one["from"])) for one in known]
+        middle = [np.sqrt(max(one["from"], 0.05) * (one["to"] or 4.0 * one["from"])) for one in known]
         rates = np.array([[one[state][k] for k in ("rate", "low", "high")] for one in known]).reshape(-1, 3)
         spans = np.abs(rates[:, 1:] - rates[:, :1]).T
         curve.errorbar(
-            x, rates[:, 0], spans, fmt="o-", markersize=4, capsize=2, color=_COLOURS[state], label=state
+            middle, rates[:, 0], spans, fmt="o-", markersize=4, capsize=2, color=_COLOURS[state], label=state
         )
     curve.axvline(1.0, color="black", linewidth=1, linestyle=":")
     curve.set(xlabel="change over the detection threshold", ylabel="share of the cases", ylim=(-0.03, 1.03))

@@ -8,8 +8,8 @@ from typing import Any
 from clearance.errors import InputError
 from clearance.models.run_folder import read_json, write_json
 from clearance.trial.case import Case
-from clearance.trial.conceal import CASES, COMMITMENT
-from clearance.trial.examine import DIAGNOSIS, OUTCOME, VERDICTS
+from clearance.trial.conceal import COMMITMENT, names_of
+from clearance.trial.examine import VERDICT, VERDICTS
 from clearance.trial.seal import digest, open_seal
 
 HASHES = "verdicts.json"
@@ -23,13 +23,15 @@ class Revealed:
         case: what was true.
         secrets: see ``simulate.Simulated``.
         diagnosis: what the tool said, or ``None`` where it failed.
-        outcome: ``seconds`` and ``failure``.
+        seconds: that it took.
+        failure: why there is no diagnosis, or ``None``.
     """
 
     case: Case
     secrets: dict[str, Any]
     diagnosis: dict[str, Any] | None
-    outcome: dict[str, Any]
+    seconds: float
+    failure: str | None
 
 
 def commit_verdicts(folder: Path) -> str:
@@ -38,14 +40,14 @@ def commit_verdicts(folder: Path) -> str:
     Raises:
         InputError: if a verdict is missing, or was changed after the hash was stored.
     """
-    names = sorted(path.name for path in (folder / CASES).iterdir())
-    missing = [name for name in names if not (folder / VERDICTS / name / OUTCOME).exists()]
+    names = names_of(folder)
+    missing = [name for name in names if not (folder / VERDICTS / name / VERDICT).exists()]
     if missing:
         raise InputError(
             f"{folder}: {len(missing)} of {len(names)} cases have no verdict yet ({missing[0]} first); "
             "the seal stays closed; run stage=diagnose"
         )
-    hashes = {name: _verdict_hash(folder / VERDICTS / name) for name in names}
+    hashes = {name: digest((folder / VERDICTS / name / VERDICT).read_bytes()) for name in names}
     total = digest(json.dumps(hashes, sort_keys=True).encode())
     path = folder / HASHES
     if path.exists():
@@ -85,12 +87,4 @@ def reveal(folder: Path, sealed: Path) -> tuple[dict[str, Any], list[Revealed]]:
 
 def _revealed(folder: Path, part: dict[str, Any]) -> Revealed:
     case = Case.from_json(part["truth"])
-    place = folder / VERDICTS / case.name
-    outcome = read_json(place / OUTCOME)
-    diagnosis = None if outcome["failure"] else read_json(place / DIAGNOSIS)
-    return Revealed(case, part["secrets"], diagnosis, outcome)
-
-
-def _verdict_hash(place: Path) -> str:
-    files = [place / name for name in (OUTCOME, DIAGNOSIS) if (place / name).exists()]
-    return digest(b"".join(file.read_bytes() for file in files))
+    return Revealed(case, part["secrets"], **read_json(folder / VERDICTS / case.name / VERDICT))

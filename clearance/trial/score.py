@@ -21,10 +21,10 @@ def score_case(one: Revealed) -> dict[str, Any]:
         "clearance_m": case.clearance, "sensors": case.sensors, "encoder": case.encoder, "noise": case.noise,
         "missing": list(case.missing), "visibility": one.secrets["visibility"],
         "visible": all(v >= 1.0 for v in one.secrets["visibility"].values()),
-        "seconds": one.outcome["seconds"], "failure": one.outcome["failure"],
+        "seconds": one.seconds, "failure": one.failure,
     }  # fmt: skip
     if said is None:
-        return row | {"verdict": None, "right": False, "why": one.outcome["failure"]}
+        return row | {"verdict": None, "right": False, "why": one.failure}
     names = [effect["name"] for effect in said["effects"]]
     row |= {
         "verdict": said["verdict"],

@@ -59,7 +59,7 @@ def unlock(folder: Path) -> None:
 
 
 def open_seal(folder: Path, commitment: str) -> dict[str, Any]:
-    """The truth.
+    """The truth; the folder is closed again.
 
     Args:
         folder: of the seal.
@@ -73,6 +73,8 @@ def open_seal(folder: Path, commitment: str) -> dict[str, Any]:
         data = (folder / TRUTH).read_bytes()
     except OSError as error:
         raise InputError(f"{folder / TRUTH}: {error.strerror}; set sealed to the truth's folder") from error
+    finally:
+        lock(folder)
     found = digest(data)
     if found != commitment:
         raise InputError(

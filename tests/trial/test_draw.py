@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
+from hydra.utils import instantiate
 
 from clearance.commands import CONFIGURATION
 from clearance.errors import InputError
@@ -15,7 +15,7 @@ from clearance.trial.repertoire import EFFECTS, FAULTS, FORCES, LEFT_OUT, PLACES
 
 def scope_of(*overrides):
     with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
-        return Scope(**OmegaConf.to_container(compose("trial", list(overrides)).scope))
+        return instantiate(compose("trial", list(overrides)).scope, _convert_="all")
 
 
 @pytest.fixture(scope="module")
@@ -95,9 +95,9 @@ def test_shares_become_whole_numbers():
         ({"cases": 0}, "cases = 0 is not a whole number"),
         ({"cases": True}, "cases = True is not a whole number"),
         ({"shares": {"nothing": 1.0}}, "shares.nothing is unknown; choose from none"),
-        ({"shares": {"none": -1.0}}, "change shares"),
-        ({"clearance_range": (1e-3, 1e-4)}, "change clearance_range"),
-        ({"seconds": (0.01, 1.0)}, "change seconds"),
+        ({"shares": {"none": -1.0}}, "change scope.shares"),
+        ({"clearance_range": (1e-3, 1e-4)}, "change scope.clearance_range"),
+        ({"seconds": (0.01, 1.0)}, "change scope.seconds"),
         ({"sensors": {"eleven": 1.0}}, "sensors.eleven is unknown"),
     ],
 )

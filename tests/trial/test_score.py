@@ -47,7 +47,7 @@ def secrets():
 def scored(case, said, secrets, seconds=10.0, failure=None):
     shown = {name: 5.0 for name in case.missing}
     known = {**secrets, "visibility": shown, "curve": secrets["curve"] if case.force else None}
-    return score_case(Revealed(case, known, said, {"seconds": seconds, "failure": failure}))
+    return score_case(Revealed(case, known, said, seconds, failure))
 
 
 def test_exact_intervals():

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import stat
 import subprocess
@@ -18,13 +19,13 @@ from clearance.models.run_folder import read_json
 from clearance.recording.files import read
 from clearance.trial.conceal import COMMITMENT, conceal
 from clearance.trial.draw import Drawing
-from clearance.trial.examine import OUTCOME, VERDICTS
+from clearance.trial.examine import VERDICT, VERDICTS
 from clearance.trial.plant import write_parquet
 from clearance.trial.repertoire import EFFECTS, FAULTS
 from clearance.trial.reveal import HASHES, commit_verdicts, reveal
 from clearance.trial.seal import TRUTH, close, digest, unlock
 from clearance.trial.simulate import simulate
-from tests.command_line import command, environment
+from tests.command_line import call, command, environment
 from tests.trial.conftest import SCOPE, TOOL
 
 
@@ -119,7 +120,7 @@ def test_the_truth_is_not_needed_for_the_verdicts(trial):
     first = verdicts(trial)
     assert len(first) == SCOPE.cases
     assert len(set(first.values())) == SCOPE.cases
-    for path in trial.folder.glob(f"{VERDICTS}/*/{OUTCOME}"):
+    for path in trial.folder.glob(f"{VERDICTS}/*/{VERDICT}"):
         path.unlink()
     gone = trial.sealed.with_name("gone")
     trial.sealed.rename(gone)
@@ -150,7 +151,7 @@ def test_the_seal_opens_only_when_every_verdict_is_in(trial):
     trial.examine(time_limit=1.5)
     commit_verdicts(trial.folder)
     _, cases = reveal(trial.folder, trial.sealed)
-    failures = {one.case.name: one.outcome["failure"] for one in cases}
+    failures = {one.case.name: one.failure for one in cases}
     assert failures == {f"case_000{i}": None for i in (1, 3, 4)} | {"case_0002": "no verdict within 1.5 s"}
 
 
@@ -168,7 +169,7 @@ def test_a_changed_verdict_is_refused(trial):
     trial.examine()
     reveal(trial.folder, trial.sealed)
     reveal(trial.folder, trial.sealed)
-    path = trial.folder / VERDICTS / "case_0003" / "diagnosis.json"
+    path = trial.folder / VERDICTS / "case_0003" / VERDICT
     path.write_text(path.read_text().replace("none", "unknown"))
     with pytest.raises(InputError, match="case_0003 was changed after the seal was opened"):
         reveal(trial.folder, trial.sealed)
@@ -185,14 +186,14 @@ def test_a_changed_recording_is_refused(trial):
 def test_failures_are_recorded_and_tried_again_on_request(trial):
     trial.answer({"case_0001": "fail"})
     trial.examine()
-    failure = read_json(trial.folder / VERDICTS / "case_0001" / OUTCOME)["failure"]
+    failure = read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)["failure"]
     assert failure == "exit code 1: error: the recordings show another machine"
     trial.answer({})
     trial.examine()
     assert trial.asked().count("case_0001") == 1
     trial.examine(retry=True)
     assert sorted(trial.asked()) == sorted([*(f"case_000{i}" for i in range(1, 5)), "case_0001"])
-    assert read_json(trial.folder / VERDICTS / "case_0001" / OUTCOME)["failure"] is None
+    assert read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)["failure"] is None
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
@@ -213,11 +214,31 @@ def test_killed_and_resumed_nothing_is_asked_twice(trial, how):
     process.send_signal(how)
     process.wait(20)
     assert trial.asked() == ["case_0001", "case_0002"]
-    kept = trial.folder / VERDICTS / "case_0001" / OUTCOME
+    kept = trial.folder / VERDICTS / "case_0001" / VERDICT
     written = kept.stat().st_mtime_ns
-    assert not (trial.folder / VERDICTS / "case_0002" / OUTCOME).exists()
+    assert not (trial.folder / VERDICTS / "case_0002" / VERDICT).exists()
     trial.answer({})
     trial.examine()
     assert kept.stat().st_mtime_ns == written
     assert Path(f"{trial.answers}.log").read_text().split().count("case_0001") == 1
     assert len(verdicts(trial)) == SCOPE.cases
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("stage=later", "stage = 'later' is unknown; choose from all, conceal, diagnose, reveal"),
+        ("parallel=0", "parallel = 0 is not a whole number, 1 or more; change parallel"),
+        ("shard=3/2", "shard = 3/2 must be k/n with 1 <= k <= n; change shard"),
+        ("scope.cases=0", "cases = 0 is not a whole number .*; change scope.cases"),
+        ("scope.shares.nothing=1", "Could not override 'scope.shares.nothing'"),
+        ("stage=reveal", "no concealed cases"),
+    ],
+)
+def test_a_wrong_input_is_one_line(monkeypatch, capfd, tmp_path, override, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "verdicts").mkdir()
+    code, error = call(monkeypatch, capfd, "trial.__main__", override, "hydra.run.dir=run")
+    assert code == 2
+    assert re.fullmatch(f"error: .*{words}.*\n", error), error
+    assert not (tmp_path / "outputs").exists()
