@@ -33,6 +33,8 @@ def main(cfg: DictConfig) -> None:
     for name in ("parallel", "time_limit"):
         if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or cfg[name] < 1:
             raise InputError(f"{name} = {cfg[name]!r} is not a whole number, 1 or more; change {name}")
+    if cfg.seed is not None and (isinstance(cfg.seed, bool) or not isinstance(cfg.seed, int) or cfg.seed < 0):
+        raise InputError(f"seed = {cfg.seed!r} is not a whole number, 0 or more, or null; change seed")
     part = shard(cfg.shard)
     folder, sealed, parallel = Path(cfg.folder), Path(cfg.sealed), int(cfg.parallel)
     scope = instantiate(cfg.scope, _convert_="all")

@@ -3,6 +3,7 @@
 from collections import Counter
 
 import pytest
+import yaml
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 
@@ -104,3 +105,17 @@ def test_shares_become_whole_numbers():
 def test_a_wrong_scope_is_refused(wrong, words):
     with pytest.raises(InputError, match=words):
         Scope(**wrong)
+
+
+def test_the_repertoire_speaks_the_diagnosis_language():
+    """Names, parameters and places, written out in the trial, are those that a right verdict would use."""
+    known = {
+        path.stem: yaml.safe_load(path.read_text()) for path in (CONFIGURATION / "effect").glob("*.yaml")
+    }
+    assert {*EFFECTS, *FAULTS} == set(known)
+    variants = {**EFFECTS, **{name: (variant,) for name, variant in FAULTS.items()}}
+    for name, forms in variants.items():
+        for form in forms:
+            assert {*form.sizes, *form.shape} <= set(known[name]["free"]), name
+        assert known[name]["body"] in PLACES[name].bodies, name
+        assert known[name]["direction"] in PLACES[name].directions, name

@@ -13,13 +13,18 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from hydra import compose, initialize_config_dir
+from hydra.utils import instantiate
 
+from clearance.commands import CONFIGURATION
 from clearance.errors import InputError
-from clearance.models.run_folder import read_json
+from clearance.mechanism.frame import FixedFrame, FlexibleFrame
+from clearance.models.run_folder import read_json, write_json
 from clearance.recording.files import read
-from clearance.trial.conceal import COMMITMENT, conceal
+from clearance.trial.case import KNOWN_FRAME
+from clearance.trial.conceal import CASE, COMMITMENT, conceal
 from clearance.trial.draw import Drawing
-from clearance.trial.examine import VERDICT, VERDICTS
+from clearance.trial.examine import VERDICT, VERDICTS, Examiner
 from clearance.trial.plant import write_parquet
 from clearance.trial.repertoire import EFFECTS, FAULTS
 from clearance.trial.reveal import HASHES, commit_verdicts, reveal
@@ -183,6 +188,25 @@ def test_a_changed_recording_is_refused(trial):
         reveal(trial.folder, trial.sealed)
 
 
+@pytest.mark.parametrize("known_frame", [False, True])
+def test_the_tool_understands_what_it_is_told(trial, known_frame):
+    """The overrides of a case compose with the diagnosis' own configuration."""
+    told = {"joint": "B", "known_frame": known_frame, "without": ["torque_ripple"]}
+    write_json(trial.folder / "cases/case_0002" / CASE, told)
+    overrides = Examiner([], ["most_effects=1"]).command(trial.folder, "case_0002")
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+        cfg = compose("diagnose", [one for one in overrides if not one.startswith("hydra.")])
+    assert [Path(path).name for path in cfg.recordings] == ["1.parquet"]
+    assert (cfg.joint.name, list(cfg.without), cfg.workers, cfg.most_effects) == (
+        "B",
+        ["torque_ripple"],
+        1,
+        1,
+    )
+    frame = instantiate(cfg.mechanism, _convert_="all").frame
+    assert frame == (FlexibleFrame(**KNOWN_FRAME) if known_frame else FixedFrame())
+
+
 def test_failures_are_recorded_and_tried_again_on_request(trial):
     trial.answer({"case_0001": "fail"})
     trial.examine()
@@ -229,6 +253,7 @@ def test_killed_and_resumed_nothing_is_asked_twice(trial, how):
     [
         ("stage=later", "stage = 'later' is unknown; choose from all, conceal, diagnose, reveal"),
         ("parallel=0", "parallel = 0 is not a whole number, 1 or more; change parallel"),
+        ("seed=-1", "seed = -1 is not a whole number, 0 or more, or null; change seed"),
         ("shard=3/2", "shard = 3/2 must be k/n with 1 <= k <= n; change shard"),
         ("scope.cases=0", "cases = 0 is not a whole number .*; change scope.cases"),
         ("scope.shares.nothing=1", "Could not override 'scope.shares.nothing'"),
