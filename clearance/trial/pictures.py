@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 Row = Mapping[str, Any]
+_FAINTEST = 1e-2  # visibilities below are drawn there
 _COLOURS = {"right": "#1b7837", "detected": "#e08214", "missed": "#b2182b"}
 
 
@@ -31,9 +32,11 @@ def power(rows: Sequence[Row], bins: Sequence[Mapping[str, Any]]) -> Figure:
             if _state(row) == state
         ]
         x, y = zip(*points, strict=True) if points else ((), ())
-        axes.scatter(np.maximum(x, 1e-2), y, s=18, alpha=0.7, color=colour, linewidths=0, label=state)
+        axes.scatter(np.maximum(x, _FAINTEST), y, s=18, alpha=0.7, color=colour, linewidths=0, label=state)
     axes.axvline(1.0, color="black", linewidth=1, linestyle=":")
-    axes.set(xscale="log", title="What was found, by how plainly it shows")
+    plainest = [max(row["visibility"].values()) for row in shown]
+    span = max(0.5 * min([0.2, *plainest]), 0.5 * _FAINTEST), 2.0 * max([5.0, *plainest])
+    axes.set(xscale="log", xlim=span, title="What was found, by how plainly it shows")
     axes.set_yticks(range(len(labels)), labels, fontsize=8)
     axes.legend(loc="lower right", fontsize=8)
     for state in ("right", "detected"):
@@ -82,11 +85,14 @@ def estimates(rows: Sequence[Row]) -> Figure:
     )  # fmt: skip
     axes = figure.add_subplot(1, 3, 3)
     held = [row["held_out"] for row in said if row["held_out"].get("before") and row["held_out"].get("after")]
-    axes.scatter([h["before"] / h["floor"] for h in held], [h["after"] / h["floor"] for h in held], s=14)
+    before, after = ([h[when] / h["floor"] for h in held] for when in ("before", "after"))
+    axes.scatter(before, after, s=14)
     axes.axhline(1.1, color="black", linewidth=1, linestyle=":")
     axes.set(
         xscale="log",
         yscale="log",
+        xlim=(0.8 * min([1.0, *before]), 1.25 * max([2.0, *before])),
+        ylim=(0.8 * min([1.0, *after]), 1.25 * max([2.0, *after])),
         xlabel="held-out error before, over the floor",
         ylabel="after, over the floor",
     )
@@ -106,7 +112,8 @@ def _ratios(axes: Axes, found: Sequence[Mapping[str, Any]], true: Sequence[float
     low, high = np.sort(ratios[:, 1:], axis=1).T
     axes.vlines(np.arange(len(ratios)), low, high, color="#888888", linewidth=1)
     axes.scatter(np.arange(len(ratios)), ratios[:, 0], s=10)
-    axes.set_ylim(*np.clip([low.min() - 0.02, high.max() + 0.02], 0.0, 2.0))
+    # with the truth in view, and one that is far off out of it
+    axes.set_ylim(max(min(low.min(), 1.0) - 0.02, 0.0), min(max(high.max(), 1.0) + 0.02, 2.0))
 
 
 def _label(row: Row) -> str:

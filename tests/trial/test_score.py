@@ -215,6 +215,13 @@ def test_a_leaked_held_out_set_lowers_the_score(trial):
     assert leaked["parameter_coverage"]["rate"] == 0.0
 
 
+def test_estimates_that_are_far_off_can_be_drawn(secrets, tmp_path):
+    rows = [scored(NOTHING, verdict(clearance=factor * 3e-4), secrets) for factor in (0.1, 3.0)]
+    for some in (rows, rows[:1], rows[1:], []):
+        pictures.estimates(some).savefig(tmp_path / "a.png")
+    pictures.power(rows, summarise(rows)["power"]).savefig(tmp_path / "a.png")
+
+
 def test_a_result_is_plain_data_with_tables_and_pictures(trial, tmp_path):
     summary, rows = score_of(trial, right_answers(trial))
     assert json.loads(json.dumps({"summary": summary, "rows": rows}, allow_nan=False))["summary"] == summary
