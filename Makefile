@@ -4,7 +4,8 @@ BIN := .venv/bin
 READY := .venv/.ready
 RUN := $(BIN)/python -m
 
-.PHONY: help train test test-all lint type arch simulate diagnose detectability bench results tensorboard wheel clean
+.PHONY: help train test test-all lint type arch simulate diagnose trial detectability bench results tensorboard wheel clean
+
 help:            ## list the targets
 	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 16
 
@@ -22,6 +23,9 @@ simulate: $(READY)  ## simulate 1000 runs with clearance in joint C
 
 diagnose: $(READY)  ## demonstrate the diagnosis on a simulated machine with friction on its guide
 	$(RUN) clearance.diagnose
+
+trial: $(READY)  ## diagnose 12 machines whose truth is sealed, then reveal and score (at most 30 minutes on two cores)
+	$(RUN) clearance.trial
 
 test: $(READY) lint type arch  ## everything that must pass before a change lands (under 10 minutes on two cores)
 	OMP_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile -m 'not slow and not gpu'

@@ -71,6 +71,21 @@ def threads(count: object) -> int | None:
     raise InputError(f"workers = {count!r} is not a number of threads, 1 or more; change workers")
 
 
+def shard(text: object) -> tuple[int, int]:
+    """The part and the number of parts that ``shard=k/n`` asks for.
+
+    Raises:
+        InputError: it is no part of a number.
+    """
+    try:
+        part, parts = (int(word) for word in str(text).split("/"))
+    except ValueError:
+        raise InputError(f"shard = {text!r} must be k/n, for example shard=3/16") from None
+    if not 1 <= part <= parts:
+        raise InputError(f"shard = {part}/{parts} must be k/n with 1 <= k <= n; change shard")
+    return part, parts
+
+
 @contextmanager
 def _reported(cfg: DictConfig | None = None) -> Iterator[None]:
     try:

@@ -6,18 +6,9 @@ from pathlib import Path
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
-from clearance.commands import command, threads
-from clearance.errors import InputError
+from clearance.commands import command, shard, threads
 
 log = logging.getLogger(__name__)
-
-
-def _shard(text: str) -> tuple[int, int]:
-    try:
-        part, parts = (int(word) for word in str(text).split("/"))
-    except ValueError:
-        raise InputError(f"shard = {text!r} must be k/n, for example shard=3/16") from None
-    return part, parts
 
 
 @command("simulate")
@@ -29,7 +20,7 @@ def main(cfg: DictConfig) -> None:
         log.info("%d recordings in %s, from %s on", len(paths), cfg.recordings, paths[0].name)
         return
     path = Path(cfg.dataset or f"outputs/datasets/{campaign.fingerprint}")
-    dataset = campaign.generate(path, _shard(cfg.shard), workers)
+    dataset = campaign.generate(path, shard(cfg.shard), workers)
     for run, reason in dataset.failures().items():
         log.warning("run %d: %s", run, reason)
     log.info(

@@ -43,6 +43,12 @@ def overrides_for(group, option):
     return [f"{group}={option}", *PATH.get(option, [])]
 
 
+def command_of(group, option):
+    if group == "experiment" and option.startswith("trial"):
+        return "trial"
+    return "train" if group.split("/")[0] in selected("train") else "bench"
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_composes(command):
     assert composed(command)
@@ -54,11 +60,13 @@ def test_every_group_is_selected_by_a_command():
 
 @pytest.mark.parametrize(("group", "option"), OPTIONS, ids=[f"{group}={option}" for group, option in OPTIONS])
 def test_every_option_is_chosen_and_makes_what_it_says(group, option):
-    command = "train" if group.split("/")[0] in selected("train") else "bench"
+    command = command_of(group, option)
     cfg = composed(command, *overrides_for(group, option))
     top, _, experiment = group.partition("/")
     assert cfg.hydra.runtime.choices[top] == (f"{experiment}/{option}" if experiment else option)
-
+    if command == "trial":
+        assert instantiate(cfg.scope, _convert_="all").cases == cfg.scope.cases
+        return
     campaign = instantiate(cfg.campaign, _convert_="all")
     if top in MACHINE or top in IN_JOINTS:
         law = yaml.safe_load((CONFIGURATION / group / f"{option}.yaml").read_text())["_target_"]

@@ -22,6 +22,8 @@ _HOPEFUL = 0.1  # of the best one's gain: less is not fitted
 _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
 _TRIALS = 3  # plausible shapes of an effect that are tried where no linear look can judge it
+_AGAIN, _NEARLY = 3, 0.3  # times that a fit is repeated whose misfit fell to this share
+_FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
 _PAIRS = 3  # pairs that are fitted
 _CURVES = 3  # forces of free form that are fitted
 _CONTACT = ("joint_lubrication", "restitution", "contact_stiffness", "worn_bearing")
@@ -152,6 +154,10 @@ class Search:
             step()
             if explained(explanation.best):
                 return
+            if len(explanation.best.hypotheses) > len(free.hypotheses) and (
+                explanation.best.misfit < _FAR_BETTER * explanation.nominal.misfit
+            ):
+                return  # something else must be missing beside it
 
     def follow(self, explanation: Explanation, free: Attempt, hint: Hint) -> None:
         """Fit what a hint suggests beside the hypotheses of ``free``."""
@@ -173,6 +179,22 @@ class Search:
         except (InputError, np.linalg.LinAlgError) as error:
             self.report(f"{label}: {error}")
             return None
+        reference = explanation.nominal.misfit
+        for _ in range(_AGAIN):  # what is nearly right is worth another look
+            if explained(found) or found.misfit > _NEARLY * reference:
+                break
+            again = refine(
+                found.hypotheses,
+                found.model,
+                found.followers,
+                found.fit.values,
+                ANNEALING[2],
+                8,
+                self.workers,
+            )
+            if again.misfit > 0.9 * found.misfit:
+                break
+            found = again
         explanation.attempts.append(found)
         shown = ", ".join(f"{v:.5g}" for v in found.fit.values[0, 1 : found.model.shared])
         self.report(f"{found.label}: misfit {found.misfit:.3g} at {shown}")

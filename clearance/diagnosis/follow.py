@@ -385,7 +385,9 @@ def _joint_codes(machines: Sequence[SliderCrank]) -> np.ndarray:
     """Laws that any of the machines has: where a machine lacks one, its parameters are zero."""
     each = np.array([machine.codes() for machine in machines])
     if (each[:, STRUCTURE] != each[0, STRUCTURE]).any():
-        raise InputError("a parameter has left the range in which its effect adds coordinates to the mechanism")
+        raise InputError(
+            "a parameter has left the range in which its effect adds coordinates to the mechanism"
+        )
     codes = each.max(axis=0)
     codes[Family.FORCE] = 1
     return codes

@@ -27,6 +27,9 @@ _ITERATIONS = 8
 _CORRELATED = 3.0  # neighbouring segments that count as one
 _KNOTS = 12  # of a curve
 _TAILS = 0.005  # of the argument's values to each side that the curve does not reach
+FREE_FORM = "free_form"
+"""Name of the hypothesis that is no named effect."""
+
 ARGUMENTS = ("crank_angle", "slider_position", "slider_velocity", "contact_force", "time")
 
 
@@ -244,6 +247,6 @@ def free_form(curve: Curve, joint: str) -> Hypothesis:
         for knot in curve.knots
     )
     return Hypothesis(
-        "free_form", "physics", curve.body, curve.direction, unknowns, np.zeros(len(unknowns)),
+        FREE_FORM, "physics", curve.body, curve.direction, unknowns, np.zeros(len(unknowns)),
         curve.forces.copy(), apply,
     )  # fmt: skip

@@ -13,7 +13,10 @@ from clearance.diagnosis.fit import Model, Unknown
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.mismatch import Innovations, innovations, interval, locate, root_mean_square, summary
+from clearance.diagnosis.missing_force import FREE_FORM
+from clearance.diagnosis.nominal_map import nominal_map
 from clearance.diagnosis.search import ANNEALING, Attempt, refine, release, tightened
+from clearance.diagnosis.signature import signatures
 from clearance.diagnosis.trace import Trace, aligned
 from clearance.diagnosis.verdict import (
     equivalents,
@@ -24,7 +27,9 @@ from clearance.diagnosis.verdict import (
     withdraw,
 )
 from clearance.errors import InputError
+from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
+from clearance.simulation.layout import Signal, State
 
 METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
 _SHOWN = 1500  # samples of an overlay
@@ -120,6 +125,7 @@ def diagnose(
     verdict = verdict_of(explanation)
     body, direction = _place(best, where)
     numbers = estimates(best)
+    curve, band = _free_form(best, numbers, setting)
     chance = probabilities(explanation)
     others = equivalents(explanation)
     diagnosis: dict[str, Any] = {
@@ -132,7 +138,7 @@ def diagnose(
         "effects": _effects(best, numbers, chance) if verdict not in ("none", "unknown") else [],
         "equivalent": [[h.name for h in a.hypotheses] for a in others] if len(others) > 1 else [],
         "next_experiment": _next_experiment(others, recordings),
-        "free_form": None,
+        "free_form": curve,
         "fit": fit,
         "clearance": {
             "joint": joint, "before_m": float(nominal.fit.values[0, 0]), "after_m": numbers[0].value,
@@ -157,6 +163,15 @@ def diagnose(
         "ranking": _ranking(explanation, chance),
         "overlays": _overlays(before_attempt, after),
         "checks": _checks(errors_after),
+        "clearance_profile": {
+            "clearance_m": search.profile.clearance.tolist(), "misfit": search.profile.misfit.round(4).tolist(),
+        },
+        "missing_force": _missing_force(search),
+        "signatures": _signatures(held_out, before_attempt, after, nominal, best),
+        "detectability": nominal_map(
+            joint, numbers[0].value, float(best.fit.values[0, -1]), recordings[0].channels
+        ),
+        **({"free_form": {**curve, **band}} if curve else {}),
         "mechanism": {
             "crank_length": setting.machine.crank.length, "rod_length": setting.machine.rod.length,
             "offset": setting.machine.guide_offset,
@@ -234,11 +249,87 @@ def _effects(best: Attempt, numbers: Sequence[Any], chance: dict[int, float]) ->
         found.append(
             {
                 "name": hypothesis.name, "kind": hypothesis.kind, "body": hypothesis.body,
+                **({"channel": hypothesis.channel} if hypothesis.channel else {}),
                 "direction": hypothesis.direction, "probability": round(chance[id(best)], 4),
                 "parameters": parameters,
             }
         )  # fmt: skip
     return found
+
+
+def _free_form(
+    best: Attempt, numbers: Sequence[Any], setting: Setting
+) -> tuple[dict[str, Any] | None, dict[str, Any]]:
+    """The contract's curve, and its band for the report."""
+    place = 1
+    for hypothesis in best.hypotheses:
+        count = len(hypothesis.unknowns)
+        if hypothesis.name == FREE_FORM:
+            found = numbers[place : place + count]
+            law = hypothesis.apply(setting.machine, np.array([n.value for n in found])).force
+            assert isinstance(law, TabulatedForce)
+            spacing = 2.0 * np.pi / count if law.repeats else float(law.spacing or 0.0)
+            knots = law.start + spacing * np.arange(count)
+            curve = {
+                "body": law.body, "direction": law.direction, "argument": law.argument,
+                "unit": "N m" if law.direction in ("torque", "moment") else "N",
+                "argument_unit": _UNITS.get(law.argument, "N"),
+                "table": [[float(k), n.value] for k, n in zip(knots, found, strict=True)],
+            }  # fmt: skip
+            return curve, {"low": [n.low for n in found], "high": [n.high for n in found]}
+        place += count
+    return None, {}
+
+
+_UNITS = {
+    "crank_angle": "rad", "slider_position": "m", "slider_velocity": "m/s", "time": "s",
+}  # fmt: skip
+_BODIES = (("crank", "torque", "N m"), ("rod", "moment", "N m"), ("slider", "x", "N"))
+
+
+def _missing_force(search: Search) -> list[dict[str, Any]]:
+    """Unknown forces beside the nominal model: what it lacks, over time, with 95 % bands from their scatter."""
+    found = []
+    for trace, follower, one in zip(
+        search.traces, search.free.followers, search.free.fit.passes, strict=True
+    ):
+        middle = one.signals[:, one.signals.shape[1] // 2]
+        inputs = follower.path.inputs
+        scatter = 1.4826 / np.sqrt(2.0) * np.median(np.abs(np.diff(inputs, axis=0)), axis=0)
+        for i, (body, direction, unit) in enumerate(_BODIES):
+            value, half = inputs[:, i], 1.96 * scatter[i]
+            found.append(
+                {
+                    "recording": trace.measured.name, "body": body, "direction": direction, "unit": unit,
+                    "time_s": (follower.measured.segment * np.arange(len(value))).round(6).tolist(),
+                    "value": value.round(5).tolist(), "low": (value - half).round(5).tolist(),
+                    "high": (value + half).round(5).tolist(),
+                    "crank_angle_deg": np.degrees(middle[:, Signal.CRANK_ANGLE] % (2 * np.pi)).round(2).tolist(),
+                    "slider_position_m": middle[:, Signal.SLIDER_POSITION].round(6).tolist(),
+                    "slider_velocity_m_s": middle[:, Signal.SLIDER_VELOCITY].round(5).tolist(),
+                }
+            )  # fmt: skip
+    return found
+
+
+def _signatures(
+    held_out: Sequence[Measured], before: Attempt, after: Attempt, nominal: Attempt, best: Attempt
+) -> dict[str, Any]:
+    """Phase averages, spectra and impacts of held-out recordings and of free runs of both machines."""
+
+    def machines(attempt: Attempt, judged: Attempt) -> list[SliderCrank]:
+        return [attempt.model.machine(row) for row in judged.fit.values]
+
+    starts = [f.path.nodes[0] for f in after.followers]
+    speeds = [float(f.path.nodes[:, State.CRANK_SPEED].mean()) for f in after.followers]
+    angles = [
+        float(node[State.CRANK_ANGLE]) - speed * one.segment * (f.measured.first - one.first)
+        for node, speed, one, f in zip(starts, speeds, held_out, after.followers, strict=True)
+    ]
+    return signatures(
+        held_out, speeds, angles, machines(nominal, before), machines(best, after),
+        best.model.instrument(best.fit.values[0]), 1,
+    )  # fmt: skip
 
 
 def _ranking(explanation: Explanation, chance: dict[int, float]) -> list[dict[str, Any]]:

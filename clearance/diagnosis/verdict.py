@@ -9,10 +9,12 @@ import numpy as np
 from clearance.diagnosis.explain import Explanation, explained, penalised
 from clearance.diagnosis.fit import Fit
 from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.diagnosis.missing_force import FREE_FORM
 from clearance.diagnosis.search import Attempt
 
 _BLOCK = 5  # segments that count as one in the robust covariance
 _ALIKE = 12.0  # difference of penalised sums of squares below which two explanations are equivalent
+_PUSHES = {"torque": "torque", "moment": "moment"}
 _WORSE = 1.02  # and ratio of their levels
 
 
@@ -105,7 +107,7 @@ def verdict_of(explanation: Explanation) -> str:
     best = explanation.best
     if not best.hypotheses:
         return "none" if explained(best) else "unknown"
-    if not explained(best):
+    if not explained(best) or any(h.name == FREE_FORM for h in best.hypotheses):
         return "unknown"
     if len(equivalents(explanation)) > 1:
         return "ambiguous"
@@ -144,6 +146,14 @@ def sentences(
     lines = []
     place = 1
     values = estimates(best)
+    if explained(best) and verdict == "unknown":
+        curve = next(h for h in best.hypotheses if h.name == FREE_FORM)
+        argument = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force.argument
+        lines.append(
+            f"Something is missing that has no name here: a {_PUSHES.get(curve.direction, 'force')} on the "
+            f"{curve.body.replace('_', ' ')} ({curve.direction}) that depends on {argument.replace('_', ' ')} "
+            "explains the recordings; its table is in corrected.yaml."
+        )
     for hypothesis in best.hypotheses:
         count = len(hypothesis.unknowns)
         shown = {}
@@ -155,7 +165,7 @@ def sentences(
                 )
             lines.append(hypothesis.effect.describe(shown, joint))
         place += count
-    if verdict == "unknown":
+    if verdict == "unknown" and not explained(best):
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
     others = equivalents(explanation)[1:]
     if others:

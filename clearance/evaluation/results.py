@@ -78,18 +78,18 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
     )
 
 
-def marks(name: str) -> tuple[str, str]:
-    """The lines of a page between which the block ``name`` belongs."""
-    return f"<!-- {name}: made by python -m clearance.evaluate -->", f"<!-- /{name} -->"
+def marks(name: str, command: str = "evaluate") -> tuple[str, str]:
+    """The lines of a page between which the block ``name``, made by a command, belongs."""
+    return f"<!-- {name}: made by python -m clearance.{command} -->", f"<!-- /{name} -->"
 
 
-def put_between_marks(text: str, name: str, block: str) -> str:
+def put_between_marks(text: str, name: str, block: str, command: str = "evaluate") -> str:
     """Replace what stands between the marks of a block.
 
     Raises:
         InputError: if the marks are not there.
     """
-    begin, end = marks(name)
+    begin, end = marks(name, command)
     if begin not in text or end not in text:
         raise InputError(f"readme lacks the lines {begin!r} and {end!r}, between which the table belongs")
     head, rest = text.split(begin, 1)

@@ -7,7 +7,20 @@ must import nothing of the plant.
 
 from clearance.trial.plant.extra import ExtraForce
 from clearance.trial.plant.files import write_parquet
-from clearance.trial.plant.machine import Plant, Run
-from clearance.trial.plant.measurement import ACCELERATIONS, CHANNELS, Fault
+from clearance.trial.plant.machine import BASE_RATE, FloatArray, Instant, Plant, Run
+from clearance.trial.plant.measurement import ACCELERATIONS, CHANNELS, MARGIN, Fault, measure
 
-__all__ = ["ACCELERATIONS", "CHANNELS", "ExtraForce", "Fault", "Plant", "Run", "write_parquet"]
+__all__ = [
+    "ACCELERATIONS",
+    "BASE_RATE",
+    "CHANNELS",
+    "MARGIN",
+    "ExtraForce",
+    "Fault",
+    "FloatArray",
+    "Instant",
+    "Plant",
+    "Run",
+    "measure",
+    "write_parquet",
+]

@@ -11,10 +11,13 @@ import pyarrow.parquet as pq
 def write_parquet(table: Mapping[str, np.ndarray], path: str | os.PathLike[str]) -> None:
     """Write ``time`` and the channels as columns of float64, ``time`` first, without metadata.
 
+    Nothing is compressed, so that a file's size tells its shape and nothing of what is in it.
+
     Args:
         table: what ``Plant.recording`` returns.
         path: of the file.
     """
     names = ["time", *(name for name in table if name != "time")]
     columns = {name: np.asarray(table[name], dtype=np.float64) for name in names}
-    pq.write_table(pa.table(columns).replace_schema_metadata(None), path)
+    content = pa.table(columns).replace_schema_metadata(None)
+    pq.write_table(content, path, use_dictionary=False, compression="none", write_statistics=False)

@@ -723,13 +723,16 @@ def _sense(p: Any, s: Any, d: Any, r: Any, g: Any, y: Any) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def integrate(
-    p: np.ndarray, s: np.ndarray, step: float, every: int, signals: np.ndarray, truth: np.ndarray
-) -> int:
-    """Integrate from time 0 and keep every ``every``-th step.
+    p: np.ndarray, start: float, s: np.ndarray, memory: np.ndarray, step: float, every: int,
+    signals: np.ndarray, truth: np.ndarray,
+) -> int:  # fmt: skip
+    """Integrate and keep every ``every``-th step.
 
     Args:
         p: (PARAMETERS,).
-        s: (STATE,) start, overwritten.
+        start: time of the first sample [s].
+        s: (STATE,) state there, overwritten by that at the end.
+        memory: (2,) approach speeds at first touch of B and C [m/s], overwritten likewise; 0 while apart.
         step: [s].
         every: steps from one sample to the next.
         signals: (samples, 15) written.
@@ -738,13 +741,14 @@ def integrate(
     Returns:
         Samples written: all, or up to the first that is not finite.
     """
+    given = s
     d, d1, k = np.zeros(STATE), np.zeros(STATE), np.zeros(STATE)
     s1, total = np.zeros(STATE), np.zeros(STATE)
     r, r1 = np.zeros(RESULTS), np.zeros(RESULTS)
     g, S, spin, b = np.zeros(GEOMETRY), np.zeros((7, 7)), np.zeros(2), np.zeros(14)
-    memory, early = np.zeros(2), np.zeros(2)
+    early = np.zeros(2)
     depth_row, flag = (R.DEPTH_B, R.DEPTH_C), (P.LOOSE_B, P.LOOSE_C)
-    evaluate(p, 0.0, s, memory, d, r, g, S, spin, b)
+    evaluate(p, start, s, memory, d, r, g, S, spin, b)
     for n in range(signals.shape[0]):
         project(p, s, g, S, spin, b)
         _sense(p, s, d, r, g, signals[n])
@@ -752,7 +756,7 @@ def integrate(
             for i in range(RESULTS):
                 truth[n, i] = r[i]
         for m in range(every):
-            now, rest, piece = (n * every + m) * step, step, step
+            now, rest, piece = start + (n * every + m) * step, step, step
             while rest > 1e-9 * step:
                 h = min(piece, rest)
                 _runge_kutta(p, now, h, s, d, memory, s1, k, r1, g, S, spin, b, total)
@@ -788,4 +792,6 @@ def integrate(
             check += s[i]
         if not np.isfinite(check):
             return n + 1
+    if s is not given:
+        given[:] = s
     return signals.shape[0]

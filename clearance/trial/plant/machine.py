@@ -28,6 +28,21 @@ BASE_RATE = 100_000.0  # Hz, of the signals
 
 
 @dataclass(frozen=True, eq=False)
+class Instant:
+    """Where a plant is at one time: what it needs to go on.
+
+    Attributes:
+        time: [s].
+        state: (STATE,) columns ``kernels.Q``, their rates, the drive's integral.
+        memory: (2,) approach speeds at first touch of B and C [m/s]; 0 while apart.
+    """
+
+    time: float
+    state: FloatArray
+    memory: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Run:
     """What happened inside the plant.
 
@@ -182,17 +197,27 @@ class Plant:
         Raises:
             FloatingPointError: if the state becomes non-finite.
         """
+        begin = Instant(0.0, self.start(start_angle, start_speed_rpm), np.zeros(2))
+        return self.go_on(begin, duration, truth)[0]
+
+    def go_on(self, instant: Instant, duration: float, truth: bool = False) -> tuple[Run, Instant]:
+        """Simulate from any instant; return what happened and where it ended.
+
+        Raises:
+            FloatingPointError: if the state becomes non-finite.
+        """
         every = round(1.0 / (BASE_RATE * self.step))
         if every < 1 or abs(every * self.step * BASE_RATE - 1.0) > 1e-9:
             raise ValueError(f"Plant.step = {self.step:g} s must divide {1.0 / BASE_RATE:g} s")
         samples = round(duration * BASE_RATE)
         signals = np.zeros((samples, len(CHANNELS)))
         kept = np.zeros((samples if truth else 0, RESULTS))
-        state = self.start(start_angle, start_speed_rpm)
-        done = integrate(self.parameters(), state, self.step, every, signals, kept)
+        state, memory = instant.state.copy(), instant.memory.copy()
+        done = integrate(self.parameters(), instant.time, state, memory, self.step, every, signals, kept)
         if done < samples or not np.isfinite(signals).all():
-            raise FloatingPointError(f"not finite at {done / BASE_RATE:g} s; effects {dict(self.effects)}")
-        return Run(signals, kept)
+            at = instant.time + done / BASE_RATE
+            raise FloatingPointError(f"not finite at {at:g} s; effects {dict(self.effects)}")
+        return Run(signals, kept), Instant(instant.time + samples / BASE_RATE, state, memory)
 
     def recording(
         self,

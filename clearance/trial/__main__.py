@@ -1,0 +1,84 @@
+"""Prove the diagnosis on machines whose truth is sealed: ``python -m clearance.trial``."""
+
+import logging
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from hydra.utils import instantiate
+from omegaconf import DictConfig
+
+from clearance.commands import command, shard
+from clearance.errors import InputError
+from clearance.evaluation.results import put_between_marks
+from clearance.models.run_folder import write_atomically, write_json
+from clearance.trial import pictures
+from clearance.trial.conceal import conceal
+from clearance.trial.examine import Examiner
+from clearance.trial.reveal import commit_verdicts, reveal
+from clearance.trial.score import score_case
+from clearance.trial.summary import failures, summarise, table
+
+log = logging.getLogger(__name__)
+
+STAGES = ("conceal", "diagnose", "reveal")
+
+
+@command("trial")
+def main(cfg: DictConfig) -> None:
+    """Conceal cases, have them diagnosed, reveal and score; or one of these stages."""
+    if cfg.stage not in ("all", *STAGES):
+        raise InputError(f"stage = {cfg.stage!r} is unknown; choose from all, {', '.join(STAGES)}")
+    for name in ("parallel", "time_limit"):
+        if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or cfg[name] < 1:
+            raise InputError(f"{name} = {cfg[name]!r} is not a whole number, 1 or more; change {name}")
+    if cfg.seed is not None and (isinstance(cfg.seed, bool) or not isinstance(cfg.seed, int) or cfg.seed < 0):
+        raise InputError(f"seed = {cfg.seed!r} is not a whole number, 0 or more, or null; change seed")
+    part = shard(cfg.shard)
+    folder, sealed, parallel = Path(cfg.folder), Path(cfg.sealed), int(cfg.parallel)
+    scope = instantiate(cfg.scope, _convert_="all")
+    if cfg.stage in ("all", "conceal"):
+        published = conceal(scope, cfg.seed, folder, sealed, parallel, log.info)
+        log.info("%d cases concealed; commitment SHA-256 %s", scope.cases, published["sha256"])
+    if cfg.stage in ("all", "diagnose"):
+        program = list(cfg.program or [sys.executable, "-m", "clearance.diagnose"])
+        examiner = Examiner(program, list(cfg.arguments), cfg.time_limit, cfg.retry)
+        examiner.examine(folder, parallel, log.info, part)
+    if cfg.stage == "reveal" or (cfg.stage == "all" and part == (1, 1)):
+        log.info("verdicts committed: SHA-256 %s", commit_verdicts(folder))
+        facts, cases = reveal(folder, sealed)
+        rows = [score_case(one) for one in cases]
+        _write(folder, facts, rows, cfg.results, cfg.readme)
+
+
+def _write(
+    folder: Path,
+    facts: dict[str, Any],
+    rows: Sequence[dict[str, Any]],
+    results: str | None,
+    readme: str | None,
+) -> None:
+    """Result, pictures and tables into the folder; the summary to where it is published."""
+    summary = facts | summarise(rows)
+    write_json(folder / "result.json", {"summary": summary, "rows": rows})
+    for name, figure in {
+        "power": pictures.power(rows, summary["power"]),
+        "confusion": pictures.confusion(summary["confusion"]),
+        "estimates": pictures.estimates(rows),
+    }.items():
+        write_atomically(folder / f"{name}.png", figure.savefig)
+    text = table(summary)
+    if results is not None:
+        Path(results).parent.mkdir(parents=True, exist_ok=True)
+        write_json(Path(results), summary)
+    if readme is not None:
+        content = Path(readme).read_text(encoding="utf-8")
+        renewed = put_between_marks(content, "trial", text, "trial")
+        write_atomically(Path(readme), lambda file: file.write_text(renewed, encoding="utf-8"))
+    sys.stdout.write(f"\n{text}\n{failures(summary) or 'no failures'}\n")
+    log.info("written to %s", folder)
+
+
+if __name__ == "__main__":
+    main()

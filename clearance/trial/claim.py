@@ -1,0 +1,95 @@
+"""Is the corrected model right? The verdict's machine beside the true one, where nobody has looked.
+
+The held-out error is the tool's own word. Here the machine that a verdict describes starts from the true
+state at instants after the recordings' ends, and what it does over 5 ms is compared with the truth. A tool
+that has seen its held-out data, or fits noise, claims the floor and is far from it here.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from clearance.trial.case import Case, plant_values
+from clearance.trial.chart import Z
+from clearance.trial.plant import FloatArray, Plant
+from clearance.trial.simulate import scenes_of
+from clearance.trial.visibility import Scene, response, unexplained
+
+
+def left_over(case: Case, secrets: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> float | None:
+    """What the verdict leaves unexplained, over the detection threshold; state and speed are refitted.
+
+    Instruments' faults that the verdict names are taken as right. ``None`` where the verdict describes no
+    machine: a force in free form, or numbers that no machine can have.
+    """
+    if diagnosis["verdict"] == "unknown":
+        return None
+    try:
+        claimed = [_claimed(case, plant, diagnosis) for plant in map(case.plant, case.sessions)]
+        scenes = scenes_of(secrets)
+        true = [case.plant(session) for session in case.sessions]
+        found = float(diagnosis["clearance"]["after_m"])
+        moved = [_with_clearance(scene, case.joint, case.clearance, found) for scene in scenes]
+        changes = [
+            response(true[one.session], one) - response(claimed[two.session], two)
+            for one, two in zip(scenes, moved, strict=True)
+        ]
+        return unexplained(moved, changes, claimed, np.array(secrets["spread"]), clearance=False)
+    except (ArithmeticError, KeyError, TypeError, ValueError):
+        return None
+
+
+def _claimed(case: Case, true: Plant, diagnosis: Mapping[str, Any]) -> Plant:
+    """The plant that a verdict describes, at the true speed."""
+    effects: dict[str, Mapping[str, float]] = {
+        one["name"]: plant_values(
+            one["name"], {key: p["value"] for key, p in one["parameters"].items()}, true.speed_rpm
+        )
+        for one in diagnosis["effects"]
+        if one["kind"] == "physics"
+    }
+    if case.known_frame and "flexible_base" in true.effects:
+        effects.setdefault("flexible_base", true.effects["flexible_base"])
+    return replace(true, effects=effects, extra=None, clearance=float(diagnosis["clearance"]["after_m"]))
+
+
+def _with_clearance(scene: Scene, joint: str, old: float, new: float) -> Scene:
+    """The same state in a joint of another clearance: as deep in contact, or as far across the gap."""
+    state = scene.state.copy()
+    first = Z.GAP_B_X if joint == "B" else Z.GAP_C_X
+    gap: FloatArray = state[first : first + 2]
+    distance = float(np.hypot(*gap))
+    if distance > 0.0:
+        state[first : first + 2] = gap * ((distance + new - old) / distance if distance > old else new / old)
+    return replace(scene, state=state)
+
+
+def correlation(
+    curve: Mapping[str, Sequence[float]] | None, free_form: Mapping[str, Any] | None
+) -> float | None:
+    """Of a free-form force with the true one, both along the true motion.
+
+    0 where the verdict has no such force, ``None`` where the truth is no single force.
+
+    Args:
+        curve: the true ``force`` and the arguments it may be a function of; see ``simulate.Simulated``.
+        free_form: ``argument`` and ``table`` (argument, force) of the verdict.
+    """
+    if curve is None:
+        return None
+    if not free_form or free_form.get("argument") not in curve:
+        return 0.0
+    table = np.array(free_form["table"], dtype=float)
+    if table.ndim != 2 or len(table) < 2 or table.shape[1] < 2:
+        return 0.0
+    table = table[np.argsort(table[:, 0])]
+    argument, force = np.array(curve[free_form["argument"]]), np.array(curve["force"])
+    if free_form["argument"] == "crank_angle":
+        argument = table[0, 0] + np.mod(argument - table[0, 0], 2.0 * np.pi)
+    inside = (argument >= table[0, 0]) & (argument <= table[-1, 0])
+    found, force = np.interp(argument[inside], table[:, 0], table[:, 1]), force[inside]
+    if len(force) < 10 or found.std() == 0.0 or force.std() == 0.0:
+        return 0.0
+    return float(np.corrcoef(found, force)[0, 1])

@@ -1,0 +1,123 @@
+"""Conceal: draw cases, write their recordings, seal their truth, publish the commitment."""
+
+import json
+import os
+import secrets
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from clearance.errors import InputError
+from clearance.models.run_folder import read_json, write_json
+from clearance.provenance import describe
+from clearance.trial.draw import Drawing, Scope
+from clearance.trial.plant import write_parquet
+from clearance.trial.seal import close, digest, unlock, write_private
+from clearance.trial.simulate import simulate
+
+COMMITMENT, CASES, CASE = "commitment.json", "cases", "case.json"
+_PLAN = "plan.json"
+
+
+def conceal(
+    scope: Scope, seed: int | None, folder: Path, sealed: Path, parallel: int, report: Callable[[str], None]
+) -> dict[str, Any]:
+    """Make the cases of a trial, or go on with making them; returns the published commitment.
+
+    Args:
+        scope: how cases are drawn.
+        seed: of the cases; ``None``: one that only the sealed folder knows.
+        folder: of the trial; recordings go to ``cases``.
+        sealed: folder of the truth, outside of ``folder``.
+        parallel: cases at a time.
+        report: called with progress.
+
+    Raises:
+        InputError: if the folder holds a trial of another scope, or the truth would lie inside it.
+    """
+    if sealed.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"sealed = {sealed} lies inside folder = {folder}; set sealed to a folder elsewhere")
+    if (folder / COMMITMENT).exists():
+        done: dict[str, Any] = read_json(folder / COMMITMENT)
+        if done["scope"] != _plain(scope):
+            raise InputError(
+                f"folder = {folder} holds a trial that was drawn otherwise; choose another folder"
+            )
+        return done
+    drawing = Drawing(scope, _plan(scope, seed, sealed))
+    with ThreadPoolExecutor(parallel) as pool:
+        parts = list(pool.map(lambda i: _make(drawing, i, folder, sealed, report), range(scope.cases)))
+    commitment = close(sealed, {"seed": drawing.seed, "scope": _plain(scope), "cases": parts})
+    published = {
+        "sha256": commitment,
+        "scope": _plain(scope),
+        "recordings": {name: sha for part in parts for name, sha in part["recordings"].items()},
+    }
+    write_json(folder / COMMITMENT, published)
+    return published
+
+
+def names_of(folder: Path) -> list[str]:
+    """The cases of a trial.
+
+    Raises:
+        InputError: if nothing was concealed there, to the end.
+    """
+    if not (folder / COMMITMENT).exists():
+        raise InputError(f"folder = {folder}: no concealed cases there; run stage=conceal or set folder")
+    return sorted(path.name for path in (folder / CASES).iterdir())
+
+
+def _plain(scope: Scope) -> Any:
+    return json.loads(json.dumps(describe(scope)))
+
+
+def _plan(scope: Scope, seed: int | None, sealed: Path) -> int:
+    """The seed, kept beside the truth so that an interrupted concealment goes on with the same cases."""
+    sealed.mkdir(mode=0o700, parents=True, exist_ok=True)
+    unlock(sealed)
+    path = sealed / _PLAN
+    if not path.exists():
+        write_private(path, {"seed": secrets.randbits(63) if seed is None else seed, "scope": _plain(scope)})
+    plan = read_json(path)
+    if plan["scope"] != _plain(scope) or seed not in (None, plan["seed"]):
+        raise InputError(
+            f"sealed = {sealed} holds the truth of a trial drawn otherwise; choose another sealed"
+        )
+    return int(plan["seed"])
+
+
+def _make(
+    drawing: Drawing, index: int, folder: Path, sealed: Path, report: Callable[[str], None]
+) -> dict[str, Any]:
+    """One case: recordings and what the tool is told into the folder, then the truth beside the seal."""
+    private = sealed / CASES / f"{index:04d}.json"
+    if private.exists():
+        found: dict[str, Any] = read_json(private)
+        return found
+    for attempt in range(10):
+        try:
+            simulated = simulate(drawing.case(index, attempt))
+            break
+        except FloatingPointError:  # a machine that flies apart is drawn again
+            continue
+    else:
+        raise InputError(f"case {index + 1}: no machine of ten that were drawn could run; change seed")
+    case = simulated.case
+    place = folder / CASES / case.name
+    place.mkdir(parents=True, exist_ok=True)
+    hashes = {}
+    for number, table in enumerate(simulated.recordings, 1):
+        path, temporary = place / f"{number}.parquet", place / f".{uuid4().hex}"
+        write_parquet(table, temporary)
+        os.utime(temporary, (0, 0))  # when a file was written tells how long its case took
+        temporary.replace(path)
+        hashes[str(path.relative_to(folder))] = digest(path.read_bytes())
+    write_json(place / CASE, case.public())
+    os.utime(place / CASE, (0, 0))
+    part = {"truth": case.to_json(), "secrets": simulated.secrets, "recordings": hashes}
+    write_private(private, part)
+    report(f"{case.name} of {drawing.scope.cases} concealed")
+    return part

@@ -1,0 +1,141 @@
+"""Examine: one process a case, which sees the recordings alone; what was answered once is not asked again."""
+
+import json
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from clearance.models.run_folder import read_json, write_json
+from clearance.trial.case import KNOWN_FRAME
+from clearance.trial.conceal import CASE, CASES, names_of
+
+VERDICTS, VERDICT = "verdicts", "verdict.json"
+_DIAGNOSIS = "diagnosis.json"
+_LOG = "output.txt"
+_ROOT = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True)
+class Examiner:
+    """How a case is put to the tool.
+
+    Attributes:
+        program: command line to which the recordings and what is known are added.
+        arguments: more of it, at the end.
+        time_limit: of one case [s].
+        retry: whether cases that failed are tried again.
+    """
+
+    program: Sequence[str]
+    arguments: Sequence[str] = ()
+    time_limit: float = 600.0
+    retry: bool = False
+
+    def examine(
+        self, folder: Path, parallel: int, report: Callable[[str], None], shard: tuple[int, int] = (1, 1)
+    ) -> None:
+        """Put every case to the tool that has no outcome yet.
+
+        Args:
+            folder: of the trial.
+            parallel: processes at a time.
+            report: called with progress.
+            shard: (k, n): every n-th case beginning with the k-th.
+        """
+        names = names_of(folder)[shard[0] - 1 :: shard[1]]
+        left = [name for name in names if not self._done(folder / VERDICTS / name)]
+        report(f"{len(names) - len(left)} of {len(names)} cases have a verdict")
+        running, stopped = set[subprocess.Popen[bytes]](), threading.Event()
+        pool = ThreadPoolExecutor(parallel)
+        try:
+            tasks = [pool.submit(self._ask, folder, name, running, stopped, report) for name in left]
+            for task in tasks:
+                task.result()
+        finally:
+            stopped.set()  # what is ended here has failed at nothing, and is asked again another time
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in list(running):
+                _end(process)
+
+    def _done(self, place: Path) -> bool:
+        if not (place / VERDICT).exists():
+            return False
+        return not (self.retry and read_json(place / VERDICT)["failure"])
+
+    def command(self, folder: Path, name: str) -> list[str]:
+        """The command line for a case."""
+        case, told = folder / CASES / name, read_json(folder / CASES / name / CASE)
+        recordings = ",".join(f"'{path.resolve()}'" for path in sorted(case.glob("*.parquet")))
+        known = ["frame=flexible", *(f"frame.{key}={value}" for key, value in KNOWN_FRAME.items())]
+        return [
+            *self.program, f"recordings=[{recordings}]", f"joint={told['joint']}",
+            *(known if told["known_frame"] else []), f"without=[{','.join(told['without'])}]",
+            f"hydra.run.dir='{(folder / VERDICTS / name).resolve()}'", "workers=1", *self.arguments,
+        ]  # fmt: skip
+
+    def _ask(
+        self, folder: Path, name: str, running: set[subprocess.Popen[bytes]], stopped: threading.Event,
+        report: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        place = folder / VERDICTS / name
+        place.mkdir(parents=True, exist_ok=True)
+        for outdated in (VERDICT, _DIAGNOSIS):
+            (place / outdated).unlink(missing_ok=True)
+        began = time.monotonic()
+        with (place / _LOG).open("wb") as log:
+            process = subprocess.Popen(
+                self.command(folder, name), stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
+                env=_environment(), start_new_session=True,
+            )  # fmt: skip
+        running.add(process)
+        try:
+            process.wait(self.time_limit)
+            failure, diagnosis = _answer(process.returncode, place)
+        except subprocess.TimeoutExpired:
+            failure, diagnosis = f"no verdict within {self.time_limit:g} s", None
+        finally:
+            _end(process)
+            running.discard(process)
+        if stopped.is_set():
+            return
+        seconds = round(time.monotonic() - began, 1)
+        # A copy, whole in one file: what a process of an earlier, killed trial still writes cannot change it.
+        write_json(place / VERDICT, {"seconds": seconds, "failure": failure, "diagnosis": diagnosis})
+        report(f"{name}: {diagnosis['verdict'] if diagnosis else failure} ({seconds:.0f} s)")
+
+
+def _answer(code: int, place: Path) -> tuple[str | None, dict[str, Any] | None]:
+    """Why there is no diagnosis, or ``None``; the diagnosis, or ``None``."""
+    if code != 0:
+        lines = (place / _LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        return f"exit code {code}: {lines[-1][:300] if lines else 'no output'}", None
+    try:
+        content: Any = json.loads((place / _DIAGNOSIS).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        return f"no readable {_DIAGNOSIS} ({error})", None
+    if not isinstance(content, dict) or "verdict" not in content:
+        return f"{_DIAGNOSIS} has no verdict", None
+    return None, content
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a process and what it started; nothing happens where it has ended."""
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+def _environment() -> dict[str, str]:
+    """One thread each, and the package from where this one is, whatever the working folder."""
+    paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return {
+        **os.environ, "PYTHONPATH": os.pathsep.join(paths), "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1",
+        "HYDRA_FULL_ERROR": "0",
+    }  # fmt: skip

@@ -1,0 +1,131 @@
+"""Pictures of a trial: power, confusion, and what was estimated beside what is true."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+Row = Mapping[str, Any]
+_FAINTEST = 1e-2  # visibilities below are drawn there
+_COLOURS = {"right": "#1b7837", "detected": "#e08214", "missed": "#b2182b"}
+
+
+def power(rows: Sequence[Row], bins: Sequence[Mapping[str, Any]]) -> Figure:
+    """Each thing that was missing, by how plainly it shows: named rightly, only detected, or missed.
+
+    Args:
+        rows: of all cases.
+        bins: ``power`` of the summary; drawn below, with exact intervals.
+    """
+    shown = [row for row in rows if row["visibility"]]
+    labels = sorted({_label(row) for row in shown})
+    height = 0.28 * len(labels) + 1.0
+    figure = _figure(9, height + 3.0)
+    axes, curve = figure.subplots(2, 1, sharex=True, height_ratios=[height, 2.0])
+    for state, colour in _COLOURS.items():
+        points = [
+            (max(row["visibility"].values()), labels.index(_label(row)))
+            for row in shown
+            if _state(row) == state
+        ]
+        x, y = zip(*points, strict=True) if points else ((), ())
+        axes.scatter(np.maximum(x, _FAINTEST), y, s=18, alpha=0.7, color=colour, linewidths=0, label=state)
+    axes.axvline(1.0, color="black", linewidth=1, linestyle=":")
+    plainest = [max(row["visibility"].values()) for row in shown]
+    span = max(0.5 * min([0.2, *plainest]), 0.5 * _FAINTEST), 2.0 * max([5.0, *plainest])
+    axes.set(xscale="log", xlim=span, title="What was found, by how plainly it shows")
+    axes.set_yticks(range(len(labels)), labels, fontsize=8)
+    axes.legend(loc="lower right", fontsize=8)
+    for state in ("right", "detected"):
+        known = [one for one in bins if one[state]["of"]]
+        middle = [np.sqrt(max(one["from"], 0.05) * (one["to"] or 4.0 * one["from"])) for one in known]
+        rates = np.array([[one[state][k] for k in ("rate", "low", "high")] for one in known]).reshape(-1, 3)
+        spans = np.abs(rates[:, 1:] - rates[:, :1]).T
+        curve.errorbar(
+            middle, rates[:, 0], spans, fmt="o-", markersize=4, capsize=2, color=_COLOURS[state], label=state
+        )
+    curve.axvline(1.0, color="black", linewidth=1, linestyle=":")
+    curve.set(xlabel="change over the detection threshold", ylabel="share of the cases", ylim=(-0.03, 1.03))
+    curve.legend(loc="lower right", fontsize=8)
+    return figure
+
+
+def confusion(table: Mapping[str, Mapping[str, int]]) -> Figure:
+    """What is true against what was said first."""
+    truths = list(table)
+    said = sorted({name for cells in table.values() for name in cells})
+    counts = np.array([[table[t].get(s, 0) for s in said] for t in truths])
+    figure = _figure(0.32 * len(said) + 3.2, 0.28 * len(truths) + 2.8)
+    axes = figure.add_subplot()
+    shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    for i, j in np.argwhere(counts > 0):
+        axes.text(j, i, str(counts[i, j]), ha="center", va="center", fontsize=7,
+                  color="white" if shares[i, j] > 0.5 else "black")  # fmt: skip
+    axes.set_xticks(range(len(said)), said, rotation=90, fontsize=8)
+    axes.set_yticks(range(len(truths)), truths, fontsize=8)
+    axes.set(xlabel="said", ylabel="true")
+    return figure
+
+
+def estimates(rows: Sequence[Row]) -> Figure:
+    """Parameters and clearances over their true values, with 95 % intervals; held-out errors."""
+    said = [row for row in rows if row["verdict"] is not None]
+    figure = _figure(12, 4)
+    asserted = [p for row in said for p in row["parameters"] if p["true"] != 0.0]
+    _ratios(figure.add_subplot(1, 3, 1), asserted, [p["true"] for p in asserted], "asserted parameters")
+    known = [row for row in said if row["right"] and (row["clearance"] or {}).get("low") is not None]
+    _ratios(
+        figure.add_subplot(1, 3, 2), [row["clearance"] for row in known],
+        [row["clearance_m"] for row in known],
+        "clearance, where the verdict is right",
+    )  # fmt: skip
+    axes = figure.add_subplot(1, 3, 3)
+    held = [row["held_out"] for row in said if row["held_out"].get("before") and row["held_out"].get("after")]
+    before, after = ([h[when] / h["floor"] for h in held] for when in ("before", "after"))
+    axes.scatter(before, after, s=14)
+    axes.axhline(1.1, color="black", linewidth=1, linestyle=":")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlim=(0.8 * min([1.0, *before]), 1.25 * max([2.0, *before])),
+        ylim=(0.8 * min([1.0, *after]), 1.25 * max([2.0, *after])),
+        xlabel="held-out error before, over the floor",
+        ylabel="after, over the floor",
+    )
+    return figure
+
+
+def _ratios(axes: Axes, found: Sequence[Mapping[str, Any]], true: Sequence[float], title: str) -> None:
+    """Estimates over the truth, sorted, with their intervals."""
+    ratios = np.array(
+        [[one[k] / t for k in ("value", "low", "high")] for one, t in zip(found, true, strict=True)]
+    )
+    axes.axhline(1.0, color="black", linewidth=1)
+    axes.set(title=title, ylabel="estimate over truth", xticks=[])
+    if len(ratios) == 0:
+        return
+    ratios = ratios[np.argsort(ratios[:, 0])]
+    low, high = np.sort(ratios[:, 1:], axis=1).T
+    axes.vlines(np.arange(len(ratios)), low, high, color="#888888", linewidth=1)
+    axes.scatter(np.arange(len(ratios)), ratios[:, 0], s=10)
+    # with the truth in view, and one that is far off out of it
+    axes.set_ylim(max(min(low.min(), 1.0) - 0.02, 0.0), min(max(high.max(), 1.0) + 0.02, 2.0))
+
+
+def _label(row: Row) -> str:
+    return f"{row['kind']}: {row['item']}" if row["kind"] in ("outside", "left_out") else str(row["item"])
+
+
+def _state(row: Row) -> str:
+    return "right" if row["right"] else "detected" if row.get("detected") else "missed"
+
+
+def _figure(width: float, height: float) -> Figure:
+    # Without pyplot: no global list of figures, nothing to close.
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=110)
+    FigureCanvasAgg(figure)
+    return figure

@@ -1,0 +1,90 @@
+"""Reveal: when every verdict is in and hashed, open the seal and check that nothing was changed."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from clearance.errors import InputError
+from clearance.models.run_folder import read_json, write_json
+from clearance.trial.case import Case
+from clearance.trial.conceal import COMMITMENT, names_of
+from clearance.trial.examine import VERDICT, VERDICTS
+from clearance.trial.seal import digest, open_seal
+
+HASHES = "verdicts.json"
+
+
+@dataclass(frozen=True)
+class Revealed:
+    """A case with its truth and its verdict.
+
+    Attributes:
+        case: what was true.
+        secrets: see ``simulate.Simulated``.
+        diagnosis: what the tool said, or ``None`` where it failed.
+        seconds: that it took.
+        failure: why there is no diagnosis, or ``None``.
+    """
+
+    case: Case
+    secrets: dict[str, Any]
+    diagnosis: dict[str, Any] | None
+    seconds: float
+    failure: str | None
+
+
+def commit_verdicts(folder: Path) -> str:
+    """Store the hash of all verdicts, once; returns it.
+
+    Raises:
+        InputError: if a verdict is missing, or was changed after the hash was stored.
+    """
+    names = names_of(folder)
+    missing = [name for name in names if not (folder / VERDICTS / name / VERDICT).exists()]
+    if missing:
+        raise InputError(
+            f"{folder}: {len(missing)} of {len(names)} cases have no verdict yet ({missing[0]} first); "
+            "the seal stays closed; run stage=diagnose"
+        )
+    hashes = {name: digest((folder / VERDICTS / name / VERDICT).read_bytes()) for name in names}
+    total = digest(json.dumps(hashes, sort_keys=True).encode())
+    path = folder / HASHES
+    if path.exists():
+        stored = read_json(path)
+        changed = [name for name in names if stored["cases"].get(name) != hashes[name]]
+        if changed:
+            raise InputError(
+                f"{folder / VERDICTS / changed[0]} was changed after the seal was opened; "
+                "choose another folder"
+            )
+    else:
+        write_json(path, {"sha256": total, "cases": hashes})
+    return total
+
+
+def reveal(folder: Path, sealed: Path) -> tuple[dict[str, Any], list[Revealed]]:
+    """Commit the verdicts, open the seal, check truth and recordings.
+
+    Returns:
+        ``seed``, ``commitment`` and ``verdicts`` (hashes), and the cases.
+
+    Raises:
+        InputError: if a verdict is missing or anything was changed.
+    """
+    verdicts = commit_verdicts(folder)
+    published = read_json(folder / COMMITMENT)
+    truth = open_seal(sealed, published["sha256"])
+    for part in truth["cases"]:
+        for name, sha in part["recordings"].items():
+            if digest((folder / name).read_bytes()) != sha or published["recordings"].get(name) != sha:
+                raise InputError(
+                    f"{folder / name} is not the recording that was concealed; nothing is scored"
+                )
+    cases = [_revealed(folder, part) for part in truth["cases"]]
+    return {"seed": truth["seed"], "commitment": published["sha256"], "verdicts": verdicts}, cases
+
+
+def _revealed(folder: Path, part: dict[str, Any]) -> Revealed:
+    case = Case.from_json(part["truth"])
+    return Revealed(case, part["secrets"], **read_json(folder / VERDICTS / case.name / VERDICT))

@@ -1,0 +1,167 @@
+"""One case scored: what was said beside what is true."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from clearance.trial.case import Case
+from clearance.trial.claim import correlation, left_over
+from clearance.trial.repertoire import EFFECTS, FORCES, PLACES, Place
+from clearance.trial.reveal import Revealed
+
+_TURNING = ("phase",)  # parameters that repeat after 2π
+
+
+def score_case(one: Revealed) -> dict[str, Any]:
+    """A row of the result: plain data; see ``summary`` for what its entries add up to."""
+    case, said = one.case, one.diagnosis
+    row: dict[str, Any] = {
+        "name": case.name, "kind": case.kind, "item": item_of(case), "size": case.size, "joint": case.joint,
+        "clearance_m": case.clearance, "sensors": case.sensors, "encoder": case.encoder, "noise": case.noise,
+        "missing": list(case.missing), "visibility": one.secrets["visibility"],
+        "visible": all(v >= 1.0 for v in one.secrets["visibility"].values()),
+        "seconds": one.seconds, "failure": one.failure,
+    }  # fmt: skip
+    if said is None:
+        return row | {"verdict": None, "right": False, "why": one.failure}
+    names = [effect["name"] for effect in said["effects"]]
+    row |= {
+        "verdict": said["verdict"],
+        "named": names,
+        "detected": said["verdict"] != "none",
+        "named_or_equivalent": _named(case, said),
+        "first_and_alone": _named(case, said) and set(names) == set(case.missing) and not _rivals(case, said),
+        "channel_right": _channel_right(case, said),
+        "body_right": _place_right(case, said, "body"),
+        "direction_right": _place_right(case, said, "direction"),
+        "parameters": parameters(case, said["effects"]),
+        "clearance": _clearance(case, said["clearance"]),
+        "held_out": said["fit"]["held_out"],
+        "curve_correlation": correlation(one.secrets["curve"], said.get("free_form"))
+        if said["verdict"] == "unknown"
+        else None,
+        "left_over": left_over(case, one.secrets, said),
+    }
+    why = _why(case, row)
+    return row | {"right": why is None, "why": why}
+
+
+def item_of(case: Case) -> str:
+    """What a case stands for in a table: the missing effect, ``pair``, or where an unnamed force acts."""
+    if case.kind in ("effect", "instrument", "left_out"):
+        return case.missing[0]
+    return str(case.force["of"]) if case.force else case.kind
+
+
+def _alternatives(said: Mapping[str, Any]) -> list[set[str]]:
+    return [set(names) for names in said.get("equivalent") or []]
+
+
+def _named(case: Case, said: Mapping[str, Any]) -> bool:
+    """Everything missing is asserted, or is one of the explanations that cannot be told apart."""
+    truth = set(case.missing)
+    if not truth or case.kind in ("outside", "left_out"):
+        return False
+    return truth <= {effect["name"] for effect in said["effects"]} or truth in _alternatives(said)
+
+
+def _rivals(case: Case, said: Mapping[str, Any]) -> bool:
+    return any(names != set(case.missing) for names in _alternatives(said))
+
+
+def _channel_right(case: Case, said: Mapping[str, Any]) -> bool | None:
+    """Whether faults that were named rightly were seen in the right channel; ``None`` where none was."""
+    found = [
+        effect.get("channel") == case.faults[effect["name"]]["channel"]
+        for effect in said["effects"]
+        if "channel" in case.faults.get(effect["name"], {})
+    ]
+    return all(found) if found else None
+
+
+def _places(case: Case) -> list[Place]:
+    if case.force:
+        return [FORCES[case.force["of"]].place]
+    return [PLACES[name] for name in case.missing]
+
+
+def _place_right(case: Case, said: Mapping[str, Any], what: str) -> bool | None:
+    """Whether the place of the mismatch is that of something missing; ``None`` where nothing is."""
+    if not case.missing:
+        return None
+    joints = {
+        "{joint}": f"joint_{case.joint.lower()}",
+        "{other_joint}": "joint_c" if case.joint == "B" else "joint_b",
+    }
+    given = str((said.get("mismatch") or {}).get(what))
+    right = set().union(*(p.bodies if what == "body" else p.directions for p in _places(case)))
+    return given in {joints.get(one, one) for one in right}
+
+
+def parameters(case: Case, effects: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The parameters of effects that are rightly named, beside the truth; one it lacks is off there."""
+    rows = []
+    for effect in effects:
+        name = effect["name"]
+        truth = {**case.effects.get(name, {}), **case.faults.get(name, {})}
+        if not truth:
+            continue
+        for key, given in effect["parameters"].items():
+            true = truth.get(key, _off(name, key))
+            if not isinstance(true, int | float) or given.get("low") is None or given.get("high") is None:
+                continue
+            unit = np.pi / 180.0 if given.get("unit") == "deg" else 1.0
+            value, low, high = (float(given[k]) * unit for k in ("value", "low", "high"))
+            if key in _TURNING:
+                true += 2.0 * np.pi * round((value - true) / (2.0 * np.pi))
+            rows.append({
+                "effect": name, "parameter": key, "true": float(true), "value": value, "low": low,
+                "high": high, "covered": bool(low <= true <= high),
+                "error": float(abs(value - true) / abs(true)) if true != 0.0 else None,
+            })  # fmt: skip
+    return rows
+
+
+def _off(name: str, key: str) -> float | None:
+    """What a parameter is where the effect has another form; ``None`` where forms cannot be compared."""
+    if name not in EFFECTS or name == "soft_drive":
+        return None
+    for variant in EFFECTS[name]:
+        if key in variant.sizes:
+            return float(variant.off.get(key, 0.0))
+    return None
+
+
+def _clearance(case: Case, given: Mapping[str, Any]) -> dict[str, Any] | None:
+    if given.get("after_m") is None:
+        return None
+    low, high = given.get("low_m"), given.get("high_m")
+    covered = None if low is None or high is None else bool(low <= case.clearance <= high)
+    return {
+        "value": given["after_m"], "before": given.get("before_m"), "low": low, "high": high,
+        "covered": covered,
+        "error": abs(given["after_m"] / case.clearance - 1.0),
+    }  # fmt: skip
+
+
+def _why(case: Case, row: Mapping[str, Any]) -> str | None:
+    """A word on why a verdict is wrong; ``None`` where it is right."""
+    said = " and ".join(row["named"]) or row["verdict"]
+    if case.kind == "none":
+        return None if row["verdict"] == "none" else f"false alarm: {said}"
+    if row["verdict"] == "none":
+        faint = min(row["visibility"].values())
+        where = "below" if faint < 1.0 else "at"
+        return (
+            f"missed {where} the threshold"
+            if where == "below"
+            else f"missed, {faint:.1f} times the threshold"
+        )
+    if case.kind in ("outside", "left_out"):
+        if row["verdict"] != "unknown":
+            return f"named {said}, where no name is right"
+        return None if row["body_right"] else "unknown, rightly, but on the wrong body"
+    if not row["named_or_equivalent"]:
+        return "seen, but not named" if row["verdict"] == "unknown" else f"named {said} instead"
+    return "the right fault in the wrong channel" if row["channel_right"] is False else None

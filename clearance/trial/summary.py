@@ -1,0 +1,211 @@
+"""All rows added up: rates with exact intervals, errors, a confusion matrix; and the table of them."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy.stats import binomtest
+
+Row = Mapping[str, Any]
+BINS = (0.0, 0.5, 1.0, 2.0, 5.0, 20.0, float("inf"))
+"""Of the visibility, in a power curve: 1 is the detection threshold."""
+_NAMED = ("effect", "instrument", "pair")
+_UNNAMED = ("outside", "left_out")
+
+
+def rate(hits: Sequence[bool]) -> dict[str, Any]:
+    """Share of hits with its exact 95 % interval (Clopper & Pearson 1934); ``None`` of none."""
+    count, total = int(sum(hits)), len(hits)
+    if total == 0:
+        return {"count": 0, "of": 0, "rate": None, "low": None, "high": None}
+    interval = binomtest(count, total).proportion_ci(0.95, method="exact")
+    return {"count": count, "of": total, "rate": count / total, "low": interval.low, "high": interval.high}
+
+
+def quantiles(values: Sequence[float]) -> dict[str, Any]:
+    """Number, median, 90 % quantile and largest of some values."""
+    if not values:
+        return {"of": 0, "median": None, "p90": None, "largest": None}
+    return {
+        "of": len(values), "median": float(np.median(values)), "p90": float(np.quantile(values, 0.9)),
+        "largest": float(max(values)),
+    }  # fmt: skip
+
+
+def summarise(rows: Sequence[Row]) -> dict[str, Any]:
+    """The score of a trial: plain data.
+
+    Rates of naming, places and unknown forces are over cases in which everything missing is at or above its
+    detection threshold; a case without a verdict counts as wrong in all of them.
+    """
+    null = [row for row in rows if row["kind"] == "none"]
+    seen = [row for row in rows if row["kind"] != "none" and row["visible"]]
+    named = [row for row in seen if row["kind"] in _NAMED]
+    single = [row for row in named if row["kind"] != "pair"]
+    unnamed = [row for row in seen if row["kind"] in _UNNAMED]
+    said = [row for row in rows if row["verdict"] is not None]
+    held = [row["held_out"] for row in said if row["held_out"].get("after") is not None]
+    asserted = [parameter for row in said for parameter in row["parameters"]]
+    clearances = [row["clearance"] for row in said if row["clearance"] and row["right"]]
+    curves = [row["curve_correlation"] for row in said if row["curve_correlation"] is not None]
+    claims = [row for row in said if row["left_over"] is not None and _claims(row)]
+    return {
+        "cases": len(rows),
+        "kinds": dict(Counter(row["kind"] for row in rows)),
+        "without_verdict": sum(row["verdict"] is None for row in rows),
+        "below_threshold": sum(row["kind"] != "none" and not row["visible"] for row in rows),
+        "false_alarms": rate([row["verdict"] != "none" for row in null]),
+        "false_alarms_at_1_percent": rate([row["verdict"] != "none" for row in null if row["noise"] <= 0.01]),
+        "detected": rate([_true(row, "detected") for row in seen]),
+        "named_or_equivalent": rate([_true(row, "named_or_equivalent") for row in single]),
+        "first_and_alone": rate([_true(row, "first_and_alone") for row in single]),
+        "pairs_named_or_equivalent": rate(
+            [_true(row, "named_or_equivalent") for row in named if row["kind"] == "pair"]
+        ),
+        "fault_channel": rate([row["channel_right"] for row in said if row["channel_right"] is not None]),
+        "body": rate([_true(row, "body_right") for row in seen]),
+        "direction": rate([_true(row, "direction_right") for row in seen]),
+        "unknown_with_body": rate([row["right"] for row in unnamed]),
+        "curve_correlation": quantiles(curves),
+        "curve_good": rate([one >= 0.95 for one in curves]),
+        "parameter_coverage": rate([parameter["covered"] for parameter in asserted]),
+        "parameter_error": quantiles([p["error"] for p in asserted if p["error"] is not None]),
+        "clearance_coverage": rate([one["covered"] for one in clearances if one["covered"] is not None]),
+        "clearance_error": quantiles([one["error"] for one in clearances]),
+        "clearance_error_at_best": quantiles(
+            [row["clearance"]["error"] for row in said
+             if row["right"] and row["clearance"] and row["sensors"] == "all" and row["noise"] <= 0.01]
+        ),
+        "clearance_error_before": quantiles(
+            [abs(r["clearance"]["before"] / r["clearance_m"] - 1.0) for r in said
+             if r["right"] and r["clearance"] and r["clearance"]["before"] is not None]
+        ),
+        "held_out_before": quantiles([one["before"] / one["floor"] for one in held if one.get("before")]),
+        "held_out_after": quantiles([one["after"] / one["floor"] for one in held]),
+        "held_out_at_floor": rate([one["after"] <= 1.1 * one["floor"] for one in held]),
+        "claims_borne_out": rate([row["left_over"] <= 1.0 for row in claims]),
+        "left_over": quantiles([row["left_over"] for row in claims]),
+        "seconds": quantiles([row["seconds"] for row in rows]),
+        "power": _power(rows),
+        "power_by_effect": {
+            item: _power([row for row in rows if row["kind"] in _NAMED and row["item"] == item])
+            for item in sorted({row["item"] for row in rows if row["kind"] in ("effect", "instrument")})
+        },
+        "confusion": _confusion(rows),
+        "failures": [
+            {key: row.get(key) for key in ("name", "kind", "item", "joint", "clearance_m", "sensors", "noise",
+                                           "visibility", "verdict", "named", "why")}
+            for row in rows if row["why"] is not None and (row["visible"] or row["verdict"] != "none")
+        ],
+    }  # fmt: skip
+
+
+def _true(row: Row, key: str) -> bool:
+    return bool(row.get(key))
+
+
+def _claims(row: Row) -> bool:
+    """Whether a verdict says that its machine is as good as a perfect one."""
+    held = row["held_out"]
+    return held.get("after") is not None and held["after"] <= 1.1 * held["floor"]
+
+
+def _power(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Detection against visibility; of a pair, the plainer one's."""
+    shown = [row for row in rows if row["visibility"]]
+    plainest = np.array([max(row["visibility"].values()) for row in shown])
+    found = []
+    for low, high in pairwise(BINS):
+        inside = [row for row, v in zip(shown, plainest, strict=True) if low <= v < high]
+        found.append({"from": low, "to": high if np.isfinite(high) else None}
+                     | {"detected": rate([_true(row, "detected") for row in inside]),
+                        "right": rate([bool(row["right"]) for row in inside])})  # fmt: skip
+    return found
+
+
+def _confusion(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
+    """What is true against what was said first; ``equivalent``: it is among those not told apart."""
+    table: dict[str, dict[str, int]] = {}
+    for row in rows:
+        truth = row["item"] if row["kind"] in ("effect", "instrument", "pair", "none") else row["kind"]
+        if row["verdict"] is None:
+            said = "no verdict"
+        elif not row["named"]:
+            said = row["verdict"]
+        elif row["kind"] == "pair" and set(row["missing"]) <= set(row["named"]):
+            said = "pair"
+        elif row["named_or_equivalent"] and not set(row["missing"]) <= set(row["named"]):
+            said = "equivalent"
+        else:
+            said = row["named"][0]
+        cells = table.setdefault(truth, {})
+        cells[said] = cells.get(said, 0) + 1
+    return {truth: dict(sorted(cells.items())) for truth, cells in sorted(table.items())}
+
+
+def table(summary: Mapping[str, Any]) -> str:
+    """The headline rows as a Markdown table."""
+    lines = ["| | measured | 95 % interval | wanted |", "|---|---|---|---|"]
+    for label, key, wanted, show in _ROWS:
+        measured, interval = show(summary[key])
+        lines.append(f"| {label} | {measured} | {interval} | {wanted} |")
+    return "\n".join(lines) + "\n"
+
+
+def failures(summary: Mapping[str, Any]) -> str:
+    """One line a failure."""
+    lines = []
+    for one in summary["failures"]:
+        strength = ", ".join(f"{name} {v:.1f}" for name, v in one["visibility"].items()) or "nothing missing"
+        lines.append(
+            f"{one['name']} ({one['kind']}: {strength}; {one['joint']}, {one['clearance_m'] * 1e3:.3f} mm, "
+            f"{one['sensors']}, noise {one['noise']:.0%}): {one['why']}"
+        )
+    return "\n".join(lines)
+
+
+def _rate_cells(one: Mapping[str, Any]) -> tuple[str, str]:
+    if one["of"] == 0:
+        return "none", ""
+    return f"{one['count']} of {one['of']} ({one['rate']:.0%})", f"{one['low']:.1%} to {one['high']:.1%}"
+
+
+def _error_cells(one: Mapping[str, Any]) -> tuple[str, str]:
+    if one["of"] == 0:
+        return "none", ""
+    return f"median {100 * one['median']:.2g} %, 90 % below {100 * one['p90']:.2g} %", ""
+
+
+def _number_cells(one: Mapping[str, Any]) -> tuple[str, str]:
+    if one["of"] == 0:
+        return "none", ""
+    return f"median {one['median']:.3g}, 90 % below {one['p90']:.3g}", ""
+
+
+_Show = Callable[[Mapping[str, Any]], tuple[str, str]]
+_ROWS: tuple[tuple[str, str, str, _Show], ...] = (
+    ("false alarms where nothing is missing", "false_alarms", "", _rate_cells),
+    ("the same with 1 % noise", "false_alarms_at_1_percent", "at most 5 %", _rate_cells),
+    ("detected, above the threshold", "detected", "", _rate_cells),
+    ("one effect or fault named, or in the equivalent set", "named_or_equivalent", "95 %", _rate_cells),
+    ("named first and alone", "first_and_alone", "85 %", _rate_cells),
+    ("pairs: both named, or in the equivalent set", "pairs_named_or_equivalent", "", _rate_cells),
+    ("faults named in the right channel", "fault_channel", "", _rate_cells),
+    ("body right", "body", "95 %", _rate_cells),
+    ("direction right", "direction", "95 %", _rate_cells),
+    ("outside the list: `unknown` with the right body", "unknown_with_body", "90 %", _rate_cells),
+    ("free-form force correlates at least 0.95", "curve_good", "", _rate_cells),
+    ("parameters inside their 95 % intervals", "parameter_coverage", "90 to 98 %", _rate_cells),
+    ("clearance inside its 95 % interval", "clearance_coverage", "90 to 98 %", _rate_cells),
+    ("error of the parameters", "parameter_error", "", _error_cells),
+    ("error of the clearance, before", "clearance_error_before", "", _error_cells),
+    ("error of the clearance, after", "clearance_error", "", _error_cells),
+    ("the same with all sensors and 1 % noise", "clearance_error_at_best", "at most 0.2 %", _error_cells),
+    ("held-out error over its floor, before", "held_out_before", "", _number_cells),
+    ("held-out error over its floor, after", "held_out_after", "at most 1.1", _number_cells),
+    ("held-out error within 1.1 of its floor", "held_out_at_floor", "", _rate_cells),
+    ("claims of the floor borne out on unseen motion", "claims_borne_out", "", _rate_cells),
+    ("seconds a case", "seconds", "at most 300", _number_cells),
+)

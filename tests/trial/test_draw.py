@@ -1,0 +1,121 @@
+"""Cases: drawn from a seed, everything in every size, in circumstances that tell nothing."""
+
+from collections import Counter
+
+import pytest
+import yaml
+from hydra import compose, initialize_config_dir
+from hydra.utils import instantiate
+
+from clearance.commands import CONFIGURATION
+from clearance.errors import InputError
+from clearance.trial.case import Case
+from clearance.trial.draw import Drawing, Scope, counts
+from clearance.trial.repertoire import EFFECTS, FAULTS, FORCES, LEFT_OUT, PLACES, SENSORS
+
+
+def scope_of(*overrides):
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+        return instantiate(compose("trial", list(overrides)).scope, _convert_="all")
+
+
+@pytest.fixture(scope="module")
+def cases():
+    scope = scope_of("experiment=trial_full")
+    drawing = Drawing(scope, 3)
+    return [drawing.case(i) for i in range(scope.cases)]
+
+
+def test_the_whole_trial_has_everything_in_every_size(cases):
+    assert len(cases) >= 400
+    kinds = Counter(case.kind for case in cases)
+    assert kinds["none"] == pytest.approx(0.25 * len(cases), abs=1)
+    single = Counter((name, case.size) for case in cases if case.kind == "effect" for name in case.effects)
+    assert set(single) == {(name, size) for name in EFFECTS for size in range(3)}
+    assert min(single.values()) == max(single.values()) == 3
+    faults = Counter((name, c.size) for c in cases if c.kind == "instrument" for name in c.faults)
+    assert set(faults) == {(name, size) for name in FAULTS for size in range(3)}
+    forces = Counter((c.force["of"], c.size) for c in cases if c.kind == "outside")
+    assert set(forces) == {(name, size) for name in FORCES for size in range(3)}
+    taken = {case.without for case in cases if case.kind == "left_out"}
+    assert taken == {(name,) for name in LEFT_OUT}
+    assert {len(case.missing) for case in cases if case.kind == "pair"} == {2}
+    assert {case.sensors for case in cases} == set(SENSORS)
+    assert {case.noise for case in cases} == {0.01, 0.05}
+    assert {case.encoder for case in cases} == {True, False}
+
+
+def test_every_case_is_a_machine_and_round_trips(cases):
+    for case in cases:
+        for session in case.sessions:
+            case.plant(session)
+        case.plant_faults()
+        assert Case.from_json(case.to_json()) == case
+
+
+def test_a_seed_decides_and_another_attempt_is_of_the_same_kind(cases):
+    scope = scope_of("experiment=trial_full")
+    again, other = Drawing(scope, 3), Drawing(scope, 4)
+    assert [again.case(i) for i in range(20)] == cases[:20]
+    assert [other.case(i).clearance for i in range(5)] != [case.clearance for case in cases[:5]]
+    second = again.case(7, attempt=1)
+    assert (second.kind, second.missing) == (cases[7].kind, cases[7].missing)
+    assert second.clearance != cases[7].clearance
+
+
+def test_what_the_tool_is_told_fits_many_kinds_of_case(cases):
+    """A known moving frame and a hypothesis that is taken away must not give the truth away."""
+    assert len({case.kind for case in cases if case.known_frame}) >= 4
+    decoys = [case for case in cases if case.without and case.kind != "left_out"]
+    assert {"none", "effect", "pair", "outside"} <= {case.kind for case in decoys}
+    assert all(not set(case.without) & set(case.missing) for case in decoys)
+
+
+def test_circumstances_do_not_depend_on_what_is_missing():
+    drawn = []
+    for kind in ("none", "effect"):
+        scope = Scope(cases=8, shares={kind: 1.0})
+        drawn.append([Drawing(scope, 5).case(i) for i in range(8)])
+    for one, other in zip(*drawn, strict=True):
+        assert (one.sessions, one.clearance, one.joint) == (other.sessions, other.clearance, other.joint)
+        assert (one.sensors, one.noise, one.noise_seed) == (other.sensors, other.noise, other.noise_seed)
+
+
+def test_every_thing_that_may_be_missing_has_a_place():
+    assert set(PLACES) == {*EFFECTS, *FAULTS}
+
+
+def test_shares_become_whole_numbers():
+    assert counts({"a": 1, "b": 1, "c": 1}, 10) in ({"a": 4, "b": 3, "c": 3},)
+    assert counts({"a": 3, "b": 0, "c": 1}, 12) == {"a": 9, "b": 0, "c": 3}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"cases": 0}, "cases = 0 is not a whole number"),
+        ({"cases": True}, "cases = True is not a whole number"),
+        ({"shares": {"nothing": 1.0}}, "shares.nothing is unknown; choose from none"),
+        ({"shares": {"none": -1.0}}, "change scope.shares"),
+        ({"clearance_range": (1e-3, 1e-4)}, "change scope.clearance_range"),
+        ({"seconds": (0.01, 1.0)}, "change scope.seconds"),
+        ({"sensors": {"eleven": 1.0}}, "sensors.eleven is unknown"),
+    ],
+)
+def test_a_wrong_scope_is_refused(wrong, words):
+    with pytest.raises(InputError, match=words):
+        Scope(**wrong)
+
+
+def test_the_repertoire_speaks_the_diagnosis_language():
+    """Names, parameters and places, written out in the trial, are those that a right verdict would use."""
+    known = {
+        path.stem: yaml.safe_load(path.read_text()) for path in (CONFIGURATION / "effect").glob("*.yaml")
+    }
+    assert {*EFFECTS, *FAULTS} == set(known)
+    variants = {**EFFECTS, **{name: (variant,) for name, variant in FAULTS.items()}}
+    for name, forms in variants.items():
+        for form in forms:
+            assert {*form.sizes, *form.shape} <= set(known[name]["free"]), name
+        assert known[name]["body"] in PLACES[name].bodies, name
+        assert known[name]["direction"] in PLACES[name].directions, name

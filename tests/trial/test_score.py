@@ -1,0 +1,256 @@
+"""The score: counts that are known in advance, and errors of the tool that it must notice."""
+
+import json
+import subprocess
+from dataclasses import replace
+
+import pytest
+
+from clearance.trial import pictures
+from clearance.trial.case import Case, Session
+from clearance.trial.claim import correlation
+from clearance.trial.reveal import Revealed, reveal
+from clearance.trial.score import score_case
+from clearance.trial.simulate import simulate
+from clearance.trial.summary import failures, rate, summarise, table
+from tests.command_line import command, environment
+from tests.trial.tool import verdict
+
+SESSION = Session(speed_rpm=700.0, start_angle=0.4, record_start=0.25, duration=0.2)
+FRICTION = Case(
+    name="case_0001", kind="effect", joint="C", clearance=3e-4, sensors="all", encoder=True, noise=0.01,
+    noise_seed=1, sessions=(SESSION,), effects={"guide_friction": {"coulomb_force": 4.0}}, size=1,
+)  # fmt: skip
+NOTHING = replace(FRICTION, kind="none", effects={})
+FORCE = replace(
+    FRICTION, kind="outside", effects={},
+    force={"of": "slider_by_position", "target": "slider_x", "argument": "slider_position", "kind": "bump",
+           "size": 6.0, "centre": 0.12, "width": 0.01},
+)  # fmt: skip
+FAULT = replace(
+    FRICTION, kind="instrument", effects={},
+    faults={"sensor_misalignment": {"channel": "rod_c_axial", "angle": 0.1}},
+)  # fmt: skip
+SLIDER = {"detected": True, "body": "slider", "direction": "x"}
+
+
+def friction(force=4.0, half=0.2, name="guide_friction"):
+    number = {"value": force, "unit": "N", "low": force - half, "high": force + half}
+    return {"name": name, "kind": "physics", "probability": 0.9, "parameters": {"coulomb_force": number}}
+
+
+@pytest.fixture(scope="module")
+def secrets():
+    return simulate(FRICTION).secrets
+
+
+def scored(case, said, secrets, seconds=10.0, failure=None):
+    shown = {name: 5.0 for name in case.missing}
+    known = {**secrets, "visibility": shown, "curve": secrets["curve"] if case.force else None}
+    return score_case(Revealed(case, known, said, seconds, failure))
+
+
+def test_exact_intervals():
+    # Clopper & Pearson: of 0 in n, the upper end is 1 - 0.025^(1/n)
+    none = rate([False] * 100)
+    assert (none["count"], none["low"]) == (0, 0.0)
+    assert none["high"] == pytest.approx(1 - 0.025 ** (1 / 100))
+    assert rate([True, False])["low"] == pytest.approx(0.012579, abs=1e-6)
+    assert rate([])["rate"] is None
+
+
+def test_nothing_missing(secrets):
+    row = scored(NOTHING, verdict(), secrets)
+    assert (row["right"], row["why"]) == (True, None)
+    assert row["clearance"]["covered"]
+    assert row["body_right"] is None
+    alarm = scored(NOTHING, verdict("physics", [friction()]), secrets)
+    assert (alarm["right"], alarm["why"]) == (False, "false alarm: guide_friction")
+    both = summarise([row, alarm])
+    assert both["false_alarms"]["count"] == 1
+    assert both["confusion"]["none"] == {"guide_friction": 1, "none": 1}
+
+
+def test_an_effect_named_in_its_place_with_its_size(secrets):
+    row = scored(FRICTION, verdict("physics", [friction()], mismatch=SLIDER), secrets)
+    assert row["right"]
+    assert row["first_and_alone"]
+    assert row["body_right"]
+    assert row["direction_right"]
+    (parameter,) = row["parameters"]
+    assert (parameter["true"], parameter["covered"], parameter["error"]) == (4.0, True, 0.0)
+    off = scored(FRICTION, verdict("physics", [friction(4.4)], mismatch={"body": "rod"}), secrets)
+    assert off["right"]
+    assert not off["body_right"]
+    assert not off["parameters"][0]["covered"]
+    assert off["parameters"][0]["error"] == pytest.approx(0.1)
+    more = friction()
+    more["parameters"]["viscous_damping"] = {"value": 1.0, "unit": "N s/m", "low": 0.5, "high": 1.5}
+    row = scored(FRICTION, verdict("physics", [more]), secrets)
+    assert [(p["true"], p["covered"]) for p in row["parameters"]] == [(4.0, True), (0.0, False)]
+
+
+def test_equivalents_count_as_named_but_not_as_first_and_alone(secrets):
+    said = verdict(
+        "ambiguous", [friction(name="slider_spring")], equivalent=[["slider_spring"], ["guide_friction"]]
+    )
+    row = scored(FRICTION, said, secrets)
+    assert row["named_or_equivalent"]
+    assert not row["first_and_alone"]
+    assert summarise([row])["confusion"] == {"guide_friction": {"equivalent": 1}}
+
+
+@pytest.mark.parametrize(
+    ("said", "why"),
+    [
+        (verdict(), "missed, 5.0 times the threshold"),
+        (verdict("unknown"), "seen, but not named"),
+        (verdict("physics", [friction(name="slider_spring")]), "named slider_spring instead"),
+    ],
+)
+def test_every_failure_has_a_word_on_why(secrets, said, why):
+    row = scored(FRICTION, said, secrets)
+    assert (row["right"], row["why"]) == (False, why)
+    assert why in failures(summarise([row]))
+
+
+def test_a_case_without_a_verdict_counts_as_wrong(secrets):
+    row = scored(FRICTION, None, secrets, failure="no verdict within 600 s")
+    summary = summarise([row])
+    assert summary["named_or_equivalent"]["rate"] == 0.0
+    assert summary["without_verdict"] == 1
+    assert "no verdict within 600 s" in failures(summary)
+
+
+def test_a_fault_has_a_channel_and_may_be_given_in_degrees(secrets):
+    angle = {"value": 5.7, "unit": "deg", "low": 5.5, "high": 5.9}
+    effect = {"name": "sensor_misalignment", "kind": "instrument", "channel": "rod_c_axial",
+              "parameters": {"angle": angle}}  # fmt: skip
+    place = {"body": "instrument", "direction": "along"}
+    row = scored(FAULT, verdict("instrument", [effect], mismatch=place), secrets)
+    assert row["right"]
+    assert row["body_right"]
+    assert row["parameters"][0]["covered"]
+    wrong = scored(FAULT, verdict("instrument", [{**effect, "channel": "rod_b_axial"}]), secrets)
+    assert wrong["why"] == "the right fault in the wrong channel"
+
+
+def test_a_force_outside_the_list():
+    secrets = simulate(FORCE).secrets
+    assert secrets["visibility"]["force"] > 1.0
+    free = {
+        "argument": "slider_position",
+        "table": [[0.09, 0.0], [0.11, 3.6], [0.12, 6.0], [0.13, 3.6], [0.15, 0.0]],
+    }
+    said = verdict("unknown", mismatch=SLIDER, free_form=free)
+    row = scored(FORCE, said, secrets)
+    assert row["right"]
+    assert row["curve_correlation"] > 0.95
+    assert row["left_over"] is None
+    backwards = {"argument": "slider_position", "table": [[x, -f] for x, f in free["table"]]}
+    assert correlation(secrets["curve"], backwards) < -0.95
+    assert correlation(secrets["curve"], {"argument": "time", "table": [[0, 1], [1, 1]]}) == 0.0
+    elsewhere = scored(FORCE, {**said, "mismatch": {"body": "rod"}}, secrets)
+    assert elsewhere["why"] == "unknown, rightly, but on the wrong body"
+    named = scored(FORCE, verdict("physics", [friction(name="process_load")]), secrets)
+    assert named["why"] == "named process_load, where no name is right"
+
+
+def test_a_claim_is_checked_where_nobody_has_looked(secrets):
+    """The right machine leaves nothing; wrong numbers, or a wrong clearance, do, whatever is claimed."""
+    right = scored(FRICTION, verdict("physics", [friction()]), secrets)
+    assert right["left_over"] < 1e-3
+    for said in (
+        verdict("physics", [friction(8.0)]),
+        verdict("none"),
+        verdict("physics", [friction()], clearance=3.3e-4),
+    ):
+        assert scored(FRICTION, said, secrets)["left_over"] > 1.0
+    assert scored(FRICTION, verdict("physics", [friction()], clearance=3.0003e-4), secrets)["left_over"] < 1.0
+
+
+def score_of(trial, answers):
+    trial.answer(answers)
+    for path in trial.folder.glob("verdicts*"):
+        path.rename(trial.folder.with_name(f"{path.name}_{len(list(trial.folder.parent.iterdir()))}"))
+    trial.examine()
+    _, cases = reveal(trial.folder, trial.sealed)
+    rows = [score_case(one) for one in cases]
+    return summarise(rows), rows
+
+
+def right_answers(trial, factor=1.0, renamed=None):
+    """What a perfect tool would say; or one whose numbers are off, or that mixes up two names."""
+    answers = {}
+    for part in trial.truth()["cases"]:
+        case = Case.from_json(part["truth"])
+        effects = [
+            {"name": (renamed or {}).get(name, name), "kind": "physics", "parameters": {
+                key: {"value": factor * v, "unit": "", "low": 0.99 * factor * v, "high": 1.01 * factor * v}
+                for key, v in values.items()
+            }}
+            for name, values in case.effects.items()
+        ]  # fmt: skip
+        name = "unknown" if case.force else "physics" if effects else "none"
+        answers[case.name] = verdict(name, effects, case.clearance)
+    return answers
+
+
+def test_a_mislabelled_hypothesis_lowers_the_score(trial):
+    summary, rows = score_of(trial, right_answers(trial))
+    assert summary["named_or_equivalent"]["rate"] == 1.0
+    assert summary["claims_borne_out"]["rate"] == 1.0
+    first, second = [row["missing"][0] for row in rows if row["kind"] == "effect"]
+    swapped, _ = score_of(trial, right_answers(trial, renamed={first: second, second: first}))
+    assert swapped["named_or_equivalent"]["rate"] == 0.0
+    assert len(swapped["failures"]) > len(summary["failures"])
+
+
+def test_a_leaked_held_out_set_lowers_the_score(trial):
+    """A tool that has fitted its held-out data claims the floor with any numbers: the claims do not hold."""
+    leaked, _ = score_of(trial, right_answers(trial, factor=1.6))
+    assert leaked["held_out_at_floor"]["rate"] == 1.0
+    assert leaked["named_or_equivalent"]["rate"] == 1.0
+    assert leaked["claims_borne_out"]["rate"] < 1.0
+    assert leaked["parameter_coverage"]["rate"] == 0.0
+
+
+def test_estimates_that_are_far_off_can_be_drawn(secrets, tmp_path):
+    rows = [scored(NOTHING, verdict(clearance=factor * 3e-4), secrets) for factor in (0.1, 3.0)]
+    for some in (rows, rows[:1], rows[1:], []):
+        pictures.estimates(some).savefig(tmp_path / "a.png")
+    pictures.power(rows, summarise(rows)["power"]).savefig(tmp_path / "a.png")
+
+
+def test_a_result_is_plain_data_with_tables_and_pictures(trial, tmp_path):
+    summary, rows = score_of(trial, right_answers(trial))
+    assert json.loads(json.dumps({"summary": summary, "rows": rows}, allow_nan=False))["summary"] == summary
+    assert "| false alarms where nothing is missing | 0 of 1 (0%)" in table(summary)
+    for figure in (
+        pictures.power(rows, summary["power"]),
+        pictures.confusion(summary["confusion"]),
+        pictures.estimates(rows),
+    ):
+        figure.savefig(tmp_path / "a.png")
+        assert (tmp_path / "a.png").stat().st_size > 5000
+
+
+@pytest.mark.slow
+def test_a_small_trial_of_the_tool_itself(tmp_path):
+    """One null, one effect, one force outside the list: concealed, diagnosed, revealed, scored."""
+    settings = (
+        "seed=7", "folder=trial", "sealed=sealed", "parallel=2", "time_limit=600", "hydra.run.dir=run",
+        "scope.cases=3", "scope.shares={none: 1, effect: 1, instrument: 0, pair: 0, outside: 1, left_out: 0}",
+        "scope.noise=[[0.01,1]]", "scope.sensors={all: 1, seven: 0, rod: 0}", "results=published/trial.json",
+    )  # fmt: skip
+    done = subprocess.run(
+        command("trial", *settings), cwd=tmp_path, env=environment(), capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert "commitment SHA-256" in done.stdout
+    assert done.stdout.index("commitment SHA-256") < done.stdout.index("verdicts committed")
+    summary = json.loads((tmp_path / "published/trial.json").read_text())
+    assert summary["seed"] == 7
+    assert summary["false_alarms"]["count"] == 0
+    assert summary["detected"]["of"] - summary["detected"]["count"] <= summary["without_verdict"]
+    assert (tmp_path / "trial/power.png").stat().st_size > 5000

@@ -1,0 +1,269 @@
+"""Nobody who diagnoses can know the truth, and nobody who scores can change it."""
+
+import json
+import os
+import re
+import signal
+import stat
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from hydra import compose, initialize_config_dir
+from hydra.utils import instantiate
+
+from clearance.commands import CONFIGURATION
+from clearance.errors import InputError
+from clearance.mechanism.frame import FixedFrame, FlexibleFrame
+from clearance.models.run_folder import read_json, write_json
+from clearance.recording.files import read
+from clearance.trial.case import KNOWN_FRAME
+from clearance.trial.conceal import CASE, COMMITMENT, conceal
+from clearance.trial.draw import Drawing
+from clearance.trial.examine import VERDICT, VERDICTS, Examiner
+from clearance.trial.plant import write_parquet
+from clearance.trial.repertoire import EFFECTS, FAULTS
+from clearance.trial.reveal import HASHES, commit_verdicts, reveal
+from clearance.trial.seal import TRUTH, close, digest, unlock
+from clearance.trial.simulate import simulate
+from tests.command_line import call, command, environment
+from tests.trial.conftest import SCOPE, TOOL
+
+
+def verdicts(trial):
+    return {path.parent.name: path.read_bytes() for path in trial.folder.glob(f"{VERDICTS}/*/diagnosis.json")}
+
+
+def test_the_commitment_is_published_before_any_verdict_and_fits_the_truth(trial):
+    published = read_json(trial.folder / COMMITMENT)
+    assert not (trial.folder / VERDICTS).exists()
+    unlock(trial.sealed)
+    assert digest((trial.sealed / TRUTH).read_bytes()) == published["sha256"]
+    assert set(published["recordings"]) == {
+        str(path.relative_to(trial.folder)) for path in trial.folder.glob("cases/*/*.parquet")
+    }
+
+
+def test_the_same_truth_sealed_twice_has_two_commitments(tmp_path):
+    truth = {"seed": 1, "cases": []}
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    assert close(tmp_path / "a", truth) != close(tmp_path / "b", truth)
+    for name in "ab":
+        assert stat.S_IMODE((tmp_path / name).stat().st_mode) == 0
+        unlock(tmp_path / name)
+        assert stat.S_IMODE((tmp_path / name / TRUTH).stat().st_mode) == 0o600
+
+
+def test_a_concealment_is_made_once_and_another_scope_is_refused(trial):
+    before = read_json(trial.folder / COMMITMENT)
+    assert conceal(SCOPE, None, trial.folder, trial.sealed, 1, pytest.fail) == before
+    other = type(SCOPE)(**{**vars(SCOPE), "cases": 5})
+    with pytest.raises(InputError, match="drawn otherwise; choose another folder"):
+        conceal(other, None, trial.folder, trial.sealed, 1, pytest.fail)
+    with pytest.raises(InputError, match="set sealed to a folder elsewhere"):
+        conceal(SCOPE, 1, trial.folder, trial.folder / "truth", 1, pytest.fail)
+
+
+def test_an_interrupted_concealment_goes_on_with_the_same_cases(tmp_path):
+    scope = type(SCOPE)(**{**vars(SCOPE), "cases": 2, "shares": {"none": 1, "effect": 1}})
+
+    def stop(line):
+        raise KeyboardInterrupt
+
+    public, sealed = tmp_path / "public", tmp_path / "sealed"
+    with pytest.raises(KeyboardInterrupt):
+        conceal(scope, None, public, sealed, 1, stop)
+    assert not (public / COMMITMENT).exists()
+    first = {path: path.read_bytes() for path in public.rglob("*.parquet")}
+    assert first
+    conceal(scope, None, public, sealed, 1, lambda line: None)
+    assert len(list(public.rglob("*.parquet"))) == 2
+    assert all(path.read_bytes() == content for path, content in first.items())
+    unlock(sealed)
+    seed = json.loads((sealed / TRUTH).read_text())["seed"]
+    assert seed >= 2**16  # drawn by the system, and in nobody's configuration
+
+
+def test_files_tell_their_shape_and_nothing_else(trial):
+    """Of the same shape: the same size to the byte, whatever is in it; no metadata, no time."""
+    words = [*EFFECTS, *FAULTS, "seed", "visibility"]
+    told = {one for case in trial.truth()["cases"] for one in case["truth"]["without"]}
+    for path in trial.folder.rglob("*"):
+        if path.is_file():
+            assert not [w for w in words if w not in told and w.encode() in path.read_bytes()], path
+    sizes = {}
+    for path in trial.folder.glob("cases/*/*.parquet"):
+        table = pq.read_table(path)
+        assert table.schema.metadata is None
+        assert path.stat().st_mtime == 0
+        assert path.name == "1.parquet"
+        sizes.setdefault((table.num_rows, table.num_columns), set()).add(path.stat().st_size)
+        assert read(path).rate == pytest.approx(10_000.0)
+    assert all(len(found) == 1 for found in sizes.values())
+
+
+def test_a_clipped_channel_makes_no_smaller_file(tmp_path):
+    scope = type(SCOPE)(**{**vars(SCOPE), "cases": 7, "shares": {"instrument": 1}})
+    cases = [Drawing(scope, 2).case(i) for i in range(7)]
+    (clipped,) = [case for case in cases if "sensor_saturation" in case.faults]
+    sizes = []
+    for number, case in enumerate((clipped, clipped.lacking("sensor_saturation"))):
+        (recording,) = simulate(case).recordings
+        path = tmp_path / f"{number}.parquet"
+        write_parquet(recording, path)
+        sizes.append(path.stat().st_size)
+    assert sizes[0] == sizes[1]
+
+
+def test_the_truth_is_not_needed_for_the_verdicts(trial):
+    trial.examine()
+    first = verdicts(trial)
+    assert len(first) == SCOPE.cases
+    assert len(set(first.values())) == SCOPE.cases
+    for path in trial.folder.glob(f"{VERDICTS}/*/{VERDICT}"):
+        path.unlink()
+    gone = trial.sealed.with_name("gone")
+    trial.sealed.rename(gone)
+    trial.examine()
+    assert verdicts(trial) == first
+    gone.rename(trial.sealed)
+
+
+def test_a_process_without_special_rights_cannot_read_the_seal():
+    """Not even the owner's, while it is closed; a superuser's is started as nobody here."""
+    with tempfile.TemporaryDirectory() as name:
+        home, user = Path(name), 65534 if os.geteuid() == 0 else None
+        home.chmod(0o755)
+        (home / "sealed").mkdir()
+        close(home / "sealed", {"seed": 1, "cases": []})
+        (home / "open").write_text("readable")
+        for path, expected in ((home / "open", "readable"), (home / "sealed" / TRUTH, "")):
+            done = subprocess.run(["cat", str(path)], capture_output=True, text=True, user=user)
+            assert done.stdout == expected
+        unlock(home / "sealed")
+
+
+def test_the_seal_opens_only_when_every_verdict_is_in(trial):
+    trial.answer({"case_0002": "hang"})
+    with pytest.raises(InputError, match="4 of 4 cases have no verdict"):
+        commit_verdicts(trial.folder)
+    assert not (trial.folder / HASHES).exists()
+    trial.examine(time_limit=1.5)
+    commit_verdicts(trial.folder)
+    _, cases = reveal(trial.folder, trial.sealed)
+    failures = {one.case.name: one.failure for one in cases}
+    assert failures == {f"case_000{i}": None for i in (1, 3, 4)} | {"case_0002": "no verdict within 1.5 s"}
+
+
+def test_a_changed_truth_is_refused(trial):
+    trial.examine()
+    unlock(trial.sealed)
+    content = json.loads((trial.sealed / TRUTH).read_text())
+    content["cases"][0]["truth"]["clearance"] = 3e-4
+    (trial.sealed / TRUTH).write_text(json.dumps(content))
+    with pytest.raises(InputError, match="changed after it was sealed"):
+        reveal(trial.folder, trial.sealed)
+
+
+def test_a_changed_verdict_is_refused(trial):
+    trial.examine()
+    reveal(trial.folder, trial.sealed)
+    reveal(trial.folder, trial.sealed)
+    path = trial.folder / VERDICTS / "case_0003" / VERDICT
+    path.write_text(path.read_text().replace("none", "unknown"))
+    with pytest.raises(InputError, match="case_0003 was changed after the seal was opened"):
+        reveal(trial.folder, trial.sealed)
+
+
+def test_a_changed_recording_is_refused(trial):
+    trial.examine()
+    path = trial.folder / "cases/case_0001/1.parquet"
+    path.write_bytes(path.read_bytes()[:-1] + b"?")
+    with pytest.raises(InputError, match="not the recording that was concealed"):
+        reveal(trial.folder, trial.sealed)
+
+
+@pytest.mark.parametrize("known_frame", [False, True])
+def test_the_tool_understands_what_it_is_told(trial, known_frame):
+    """The overrides of a case compose with the diagnosis' own configuration."""
+    told = {"joint": "B", "known_frame": known_frame, "without": ["torque_ripple"]}
+    write_json(trial.folder / "cases/case_0002" / CASE, told)
+    overrides = Examiner([], ["most_effects=1"]).command(trial.folder, "case_0002")
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+        cfg = compose("diagnose", [one for one in overrides if not one.startswith("hydra.")])
+    assert [Path(path).name for path in cfg.recordings] == ["1.parquet"]
+    assert (cfg.joint.name, list(cfg.without), cfg.workers, cfg.most_effects) == (
+        "B",
+        ["torque_ripple"],
+        1,
+        1,
+    )
+    frame = instantiate(cfg.mechanism, _convert_="all").frame
+    assert frame == (FlexibleFrame(**KNOWN_FRAME) if known_frame else FixedFrame())
+
+
+def test_failures_are_recorded_and_tried_again_on_request(trial):
+    trial.answer({"case_0001": "fail"})
+    trial.examine()
+    failure = read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)["failure"]
+    assert failure == "exit code 1: error: the recordings show another machine"
+    trial.answer({})
+    trial.examine()
+    assert trial.asked().count("case_0001") == 1
+    trial.examine(retry=True)
+    assert sorted(trial.asked()) == sorted([*(f"case_000{i}" for i in range(1, 5)), "case_0001"])
+    assert read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)["failure"] is None
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_killed_and_resumed_nothing_is_asked_twice(trial, how):
+    """The second case hangs: the first is kept, and only what had no verdict is asked again."""
+    trial.answer({"case_0002": "hang"})
+    arguments = command(
+        "trial", "stage=diagnose", "parallel=1", f"folder='{trial.folder}'", f"sealed='{trial.sealed}'",
+        f"program=[{sys.executable},{TOOL},{trial.answers}]", f"hydra.run.dir='{trial.answers}.run'",
+    )  # fmt: skip
+    process = subprocess.Popen(
+        arguments, env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    deadline = time.time() + 60
+    while len(trial.asked()) < 2 and time.time() < deadline:
+        time.sleep(0.05)
+    process.send_signal(how)
+    process.wait(20)
+    assert trial.asked() == ["case_0001", "case_0002"]
+    kept = trial.folder / VERDICTS / "case_0001" / VERDICT
+    written = kept.stat().st_mtime_ns
+    assert not (trial.folder / VERDICTS / "case_0002" / VERDICT).exists()
+    trial.answer({})
+    trial.examine()
+    assert kept.stat().st_mtime_ns == written
+    assert Path(f"{trial.answers}.log").read_text().split().count("case_0001") == 1
+    assert len(verdicts(trial)) == SCOPE.cases
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("stage=later", "stage = 'later' is unknown; choose from all, conceal, diagnose, reveal"),
+        ("parallel=0", "parallel = 0 is not a whole number, 1 or more; change parallel"),
+        ("seed=-1", "seed = -1 is not a whole number, 0 or more, or null; change seed"),
+        ("shard=3/2", "shard = 3/2 must be k/n with 1 <= k <= n; change shard"),
+        ("scope.cases=0", "cases = 0 is not a whole number .*; change scope.cases"),
+        ("scope.shares.nothing=1", "Could not override 'scope.shares.nothing'"),
+        ("stage=reveal", "no concealed cases"),
+    ],
+)
+def test_a_wrong_input_is_one_line(monkeypatch, capfd, tmp_path, override, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "verdicts").mkdir()
+    code, error = call(monkeypatch, capfd, "trial.__main__", override, "hydra.run.dir=run")
+    assert code == 2
+    assert re.fullmatch(f"error: .*{words}.*\n", error), error
+    assert not (tmp_path / "outputs").exists()
