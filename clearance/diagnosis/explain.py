@@ -364,8 +364,14 @@ class Search:
                 one = refine(
                     held, self.setting.model(held), best.followers, values, best.scale, 8, self.workers
                 )
-                explanation.attempts.append(one)
-                self.report(f"{one.label}: misfit {one.misfit:.3g}")
+                # the smaller one may owe its misfit to a worse path: give it the larger one's
+                again = refine(
+                    best.hypotheses, best.model, one.followers, best.fit.values, ANNEALING[3], 8, self.workers
+                )
+                explanation.attempts += [one, again]
+                self.report(f"{one.label}: misfit {one.misfit:.3g}; without the added: {again.misfit:.3g}")
+                if explained(again):
+                    return
 
 
 def _same(one: Hypothesis, other: Hypothesis) -> bool:

@@ -158,7 +158,7 @@ def diagnose(
         ],
         "seconds": round(time.monotonic() - started, 1),
     }  # fmt: skip
-    evidence = {
+    evidence: dict[str, Any] = {
         "where": locate(errors_fit, innovations(best, joint)),
         "ranking": _ranking(explanation, chance),
         "overlays": _overlays(before_attempt, after),

@@ -148,7 +148,8 @@ def sentences(
     values = estimates(best)
     if explained(best) and verdict == "unknown":
         curve = next(h for h in best.hypotheses if h.name == FREE_FORM)
-        argument = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force.argument
+        law = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force
+        argument = str(getattr(law, "argument", ""))
         lines.append(
             f"Something is missing that has no name here: a {_PUSHES.get(curve.direction, 'force')} on the "
             f"{curve.body.replace('_', ' ')} ({curve.direction}) that depends on {argument.replace('_', ' ')} "
