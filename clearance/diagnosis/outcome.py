@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from clearance.diagnosis.verdict import (
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
+if TYPE_CHECKING:
+    from clearance.diagnosis.motion.search import Findings
+
 METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
 _SHOWN = 1500  # samples of an overlay
 _UNLIKELY = 0.25  # share of the variance that the ideal mechanism must explain
@@ -44,7 +47,7 @@ class Outcome:
     diagnosis: dict[str, Any]
     evidence: dict[str, Any]
     machine: SliderCrank
-    explanation: Explanation
+    explanation: "Explanation | Findings"
 
 
 def diagnose(
