@@ -6,7 +6,7 @@ Steps are those of Gauss-Newton with several dampings tried at once (Levenberg 1
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,9 +18,13 @@ OWN = 5  # unknowns of each recording
 _DAMPING = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
 _SHARES = (1.0, 0.3)  # of a step
 _ITERATIONS = 15
-_ENOUGH = 0.05  # decrease of the cost that is not worth another step
+_ENOUGH = 0.05  # decrease of the cost that changes nothing any more
+_HELD = 1e20  # weight of a prior from which on an unknown stays where it is
+_TRIALS = len(_DAMPING) + len(_SHARES) - 1
+_CORRECTIONS = 2  # of own unknowns beside each trial
 _BLOCKS = 40  # parts of the recordings whose pulls are compared
-_FIRST = 1.5  # s of the first stage; each later one is three times longer
+_FIRST = 0.5  # s of the first stage; each later one is three times longer
+_FEWEST = 24  # samples of it
 
 
 def inverse_of(information: np.ndarray) -> np.ndarray:
@@ -101,6 +105,8 @@ def fit(
     workers: int = 1,
     staged: bool = False,
     iterations: int = _ITERATIONS,
+    held: bool = False,
+    enough: float = _ENOUGH,
 ) -> Fit:
     """Fit a model.
 
@@ -111,17 +117,24 @@ def fit(
         own: (recordings, OWN) start.
         begin: (recordings, OWN) first guesses, which unknowns keep that nothing tells about.
         workers: threads.
-        staged: whether the recordings' first seconds are fitted first: from a poor start.
+        staged: from a poor start: first each recording's own unknowns to the crank's angle, which is nearly
+            linear in them, then to all channels of the first moments and of ever longer parts.
         iterations: at most.
+        held: whether shared unknowns stay where they start.
+        enough: decrease of the cost that is not worth another step.
     """
     if staged:
+        if all("crank_angle" in track.channels for track in tracks):
+            turning = [t.only("crank_angle") for t in tracks]
+            turned = _fit(replace(model, with_zero=False), turning, shared, own, begin, workers, iterations, True, enough)
+            own = turned.own
         seconds, longest = _FIRST, max(track.seconds for track in tracks)
         while seconds < 0.7 * longest:
-            parts = [t.part(0, max(60, round(seconds * t.rate))) for t in tracks]
-            found = _fit(model, parts, shared, own, begin, workers, iterations)
+            parts = [t.part(0, max(_FEWEST, round(seconds * t.rate))) for t in tracks]
+            found = _fit(model, parts, shared, own, begin, workers, iterations, held, enough)
             shared, own = found.shared, found.own
             seconds *= 3.0
-    return _fit(model, tracks, shared, own, begin, workers, iterations)
+    return _fit(model, tracks, shared, own, begin, workers, iterations, held, enough)
 
 
 def _fit(
@@ -132,10 +145,14 @@ def _fit(
     begin: np.ndarray,
     workers: int,
     iterations: int,
+    held: bool,
+    enough: float,
 ) -> Fit:
     owns = [model.own(b) for b in begin]
     values = np.concatenate([shared, own.ravel()])
     problem = _Problem(model, tracks, owns, workers)
+    if held:
+        problem.hold(shared)
     here = problem.points([values])[0]
     for _ in range(iterations):
         if not np.isfinite(here.cost):
@@ -144,12 +161,19 @@ def _fit(
         information, gradient = problem.normal(values, here, jacobian)
         trials = problem.trials(values, information, gradient)
         points = problem.points(trials)
+        for _ in range(_CORRECTIONS):
+            foreseen = float(gradient @ (trials[0] - values))
+            if here.cost - points[0].cost > 0.5 * foreseen:  # the plain step does what it should
+                break
+            corrected = problem.corrected(trials[-_TRIALS:], points[-_TRIALS:], information, jacobian, here)
+            trials += corrected
+            points += problem.points(corrected)
         best = int(np.argmin([p.cost if np.isfinite(p.cost) else np.inf for p in points]))
         gain = here.cost - points[best].cost
         if not gain > 0.0:
             break
         values, here = trials[best], points[best]
-        if gain < _ENOUGH:
+        if gain < enough:
             break
     return problem.finish(values, here)
 
@@ -175,6 +199,10 @@ class _Problem:
         self.weight = np.array([1.0 / u.prior[1] ** 2 if u.prior else 0.0 for u in self.unknowns])
         self.low = np.array([u.inner(u.low) if np.isfinite(u.low) else u.low for u in self.unknowns])
         self.high = np.array([u.inner(u.high) if np.isfinite(u.high) else u.high for u in self.unknowns])
+
+    def hold(self, shared: np.ndarray) -> None:
+        """Keep the shared unknowns where they are."""
+        self.mean[: self.count], self.weight[: self.count] = shared, _HELD
 
     @staticmethod
     def _judged(track: Track) -> int:
@@ -225,7 +253,7 @@ class _Problem:
             mine = [*range(self.count), *range(self.count + r * OWN, self.count + (r + 1) * OWN)]
             guesses, steps = [], []
             for i in mine:
-                if self.weight[i] > 1e20:  # held where it is
+                if self.weight[i] >= _HELD:
                     continue
                 step = self.unknowns[i].step
                 for change in (step, -step):
@@ -277,6 +305,34 @@ class _Problem:
                 moved = values.copy()
                 moved[free] += share * step
                 found.append(np.clip(moved, self.low, self.high))
+        return found
+
+    def corrected(
+        self,
+        trials: Sequence[np.ndarray],
+        points: Sequence[_Point],
+        information: np.ndarray,
+        jacobian: Sequence[np.ndarray],
+        here: _Point,
+    ) -> list[np.ndarray]:
+        """Trials whose own unknowns follow the shared ones.
+
+        The crank's phase gathers every change of its mean speed. A change of friction and the change of the
+        drive's speed that makes up for it lie on a curve, which a straight step leaves: each recording's own
+        unknowns are therefore fitted anew beside every step, with the derivatives that are there.
+        """
+        found = []
+        for values, point in zip(trials, points, strict=True):
+            moved = values.copy()
+            if np.isfinite(point.cost):
+                for r, (track, derivative) in enumerate(zip(self.tracks, jacobian, strict=True)):
+                    mine = range(self.count + r * OWN, self.count + (r + 1) * OWN)
+                    sigma = np.sqrt(here.squares[self._columns(track)])
+                    rows = (derivative[..., self.count :] / sigma[:, None]).reshape(-1, OWN)
+                    pull = rows.T @ (point.rests[r] / sigma).ravel()
+                    pull += self.weight[mine] * (self.mean[mine] - values[mine])
+                    moved[mine] += inverse_of(information[np.ix_(mine, mine)]) @ pull
+            found.append(np.clip(moved, self.low, self.high))
         return found
 
     def finish(self, values: np.ndarray, here: _Point) -> Fit:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import isfinite, log
 
 import numpy as np
@@ -20,8 +21,11 @@ from clearance.recording.channels import si_unit
 from clearance.simulation.ideal import Motion
 
 _STRUCTURE = [Family.JOINT_B, Family.JOINT_C, Family.GUIDE, Family.LINK, Family.FRAME]
-_STEP = 2e-3  # of a parameter's plausible size, for its derivative
+# Changes for derivatives, over a parameter's plausible size: so small that the crank's phase, which gathers a
+# change of speed over a minute, stays near; where a force begins or ends, so large that steps meet the edge.
+_STEP, _SHAPE_STEP = 2e-4, 2e-3
 _LARGEST_CLEARANCE = 2e-3  # m
+_KEPT = 256  # machines that are not made anew
 _RESOLVED = 0.4  # of the sampling rate: what repeats faster is not looked for
 _LATEST = 0.05  # s, of a channel's delay
 OF_THE_SPEED = ("no_load_ratio",)
@@ -129,9 +133,10 @@ def term_of(effect: Effect, machine: SliderCrank, joint: str) -> Term | None:
         size = max(abs(parameter.start), abs(parameter.start - _finite(off[parameter.name])))
         size = size or 0.05 * (high - low)
         is_log = parameter.scale == "log"
+        step = _SHAPE_STEP if parameter.shape else _STEP
         unknowns.append(
             Unknown(
-                parameter.name, parameter.unit, low, high, _STEP if is_log else _STEP * size, is_log,
+                parameter.name, parameter.unit, low, high, step if is_log else step * size, is_log,
                 shape=parameter.shape,
             )
         )  # fmt: skip
@@ -266,8 +271,11 @@ class Model:
     with_zero: bool = False
     instrument: Instrument = field(default_factory=Instrument)
     known_clearance: float = 0.0
+    _made: dict[bytes, tuple[SliderCrank, Instrument]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
-    @property
+    @cached_property
     def fixed_unknowns(self) -> tuple[Unknown, ...]:
         """Shared unknowns before those of the terms."""
         found = []
@@ -284,7 +292,7 @@ class Model:
             found.append(Unknown("clearance", "m", 0.0, _LARGEST_CLEARANCE, 1e-5))
         return tuple(found)
 
-    @property
+    @cached_property
     def shared(self) -> tuple[Unknown, ...]:
         """All shared unknowns."""
         return (*self.fixed_unknowns, *(u for term in self.terms for u in term.unknowns))
@@ -326,6 +334,14 @@ class Model:
 
     def apply(self, shared: np.ndarray) -> tuple[SliderCrank, Instrument]:
         """Machine and instruments with shared values on the scale of the fit."""
+        key = shared.tobytes()
+        if key not in self._made:
+            if len(self._made) > _KEPT:
+                self._made.clear()
+            self._made[key] = self._apply(shared)
+        return self._made[key]
+
+    def _apply(self, shared: np.ndarray) -> tuple[SliderCrank, Instrument]:
         machine, instrument = self.machine, self.instrument
         values = dict(zip(self.fixed_unknowns, shared, strict=False))
         place = len(values)

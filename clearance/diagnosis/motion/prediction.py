@@ -16,7 +16,7 @@ from clearance.simulation.ideal import MOTIONS, WORK_ROWS, Motion, run_ideal
 from clearance.simulation.integrator import Scheme
 from clearance.simulation.layout import STATES, State
 
-_TURN = 0.04  # rad of the crank in one step: error of the angle after a minute below that of an encoder
+_TURN = 0.06  # rad of the crank in one step: error of the angle after a minute below that of an encoder
 _LONGEST = 1e-3  # s
 _STIFF = 2.0  # step times the drive's rate; the scheme is stable up to 2.8
 

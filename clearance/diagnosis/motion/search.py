@@ -13,14 +13,20 @@ from clearance.diagnosis.motion.fit import OWN, Fit, _Problem, fit, inverse_of
 from clearance.diagnosis.motion.model import Model, Term
 from clearance.diagnosis.motion.rest import Explained, explained
 from clearance.diagnosis.motion.track import Track
+from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 
-_FITTED = 5  # terms that are fitted in a round, after screening all
+_NEARLY = 0.85  # of the gain of a richer variant
+_FITTED = 3  # terms that are fitted in a round, after screening all
 _LEAST = 10.0  # decrease of the penalised cost for which a term is taken in
+_DOUBT = 6.0  # standard deviations off zero below which a parameter is tried without
 _SURE = 3.3  # standard deviations that the best-known size of a term must lie off zero
-_GLANCE = 2.5  # s of each recording in which a term that is far from linear is begun
+_PIECES, _TURNS, _FEWEST = 8, 2.5, 24  # pieces of all recordings; turns of the crank and samples of each
 _LOOK = 8.0  # s of each recording that are searched; the result is fitted to all of them
 _ALIKE = 10.0  # difference of prices below which two explanations are equivalent
+_POOR = 1.3  # residuals over noise from which on a set of terms does not explain the pieces
+_ROUGH, _FINE = 2.0, 0.05  # decrease of the cost that ends a fit, while searching and at the end
+_PATIENT = 15  # iterations of a fit
 _BRIEF = 6  # iterations of a fit that is only compared
 
 
@@ -57,6 +63,27 @@ class Attempt:
                 return self.fit.shared[part], self.fit.deviations[part]
             place += len(other.unknowns)
         raise ValueError(f"{term.label} is no term of {self.label}")
+
+    def at_bound(self, term: Term) -> bool:
+        """Whether a parameter of a term lies at a bound that is not where the term vanishes."""
+        values, _ = self.parameters(term)
+        for unknown, value, off in zip(term.unknowns, values, term.off, strict=True):
+            for bound in (unknown.low, unknown.high):
+                if abs(value - unknown.inner(bound)) < 1e-9 and abs(value - off) > 1e-9:
+                    return True
+        return False
+
+    def doubtful(self, term: Term) -> set[str]:
+        """Parameters of a term that may as well be off, and those that have no meaning without them."""
+        values, deviations = self.parameters(term)
+        found = {
+            term.unknowns[i].name
+            for i in term.sizes
+            if np.isfinite(term.off[i]) and abs(values[i] - term.off[i]) < _DOUBT * deviations[i]
+        }
+        if found:
+            found |= {unknown.name for unknown in term.unknowns if unknown.shape}
+        return found
 
     def sureness(self, term: Term) -> float:
         """By how many standard deviations a term's best-known size lies off zero."""
@@ -114,6 +141,7 @@ class Search:
             machine, joint, (), uncertain, "slider_position" in every,
             "crank_angle" in every and bool(every & {"slider_position", "slider_velocity"}),
         )  # fmt: skip
+        self.enough, self.in_pieces, self.speeds = _ROUGH, False, speeds
         self.started, self._report = monotonic(), report
 
     def report(self, text: str) -> None:
@@ -132,6 +160,9 @@ class Search:
         model = replace(self.model, terms=tuple(terms))
         found = fit(model, self.tracks, start, own, self.begin, self.workers, staged, _BRIEF if brief else 15)
         parameters = sum(len(term.unknowns) for term in terms)
+        machine, _ = model.apply(found.shared)
+        if machine.parameters()[Parameter.DRIVE_INTEGRAL_GAIN]:  # each recording has its own integral
+            parameters += len(self.tracks)
         return Attempt(tuple(terms), found, found.cost + parameters * log(found.samples))
 
     def nominal(self) -> Attempt:
@@ -229,23 +260,23 @@ class Search:
             (old, t)
             for old in base.terms
             for t in self.terms.values()
-            if t.place == old.place and {u.name for u in t.unknowns} > {u.name for u in old.unknowns}
+            if t.place == old.place and not {u.name for u in t.unknowns} <= {u.name for u in old.unknowns}
+            and len(t.unknowns) >= len(old.unknowns)
         ]
         screened = self.screen(base, new)
         findings.screened |= {label: gain for label, (gain, _) in screened.items()}
-        ranked = sorted(screened, key=lambda label: -screened[label][0])
-        promising = [label for label in ranked if screened[label][0] > _LEAST][:_FITTED]
+        promising = self._promising(screened)
         tried = []
         for label in promising:
             term = self.terms[label]
             self.report(f"trying {base.label} + {label}")
             start = np.concatenate([base.fit.shared, screened[label][1]])
             tried.append(self.attempt((*base.terms, term), start, base.fit.own))
-        for term in new if not self.judge(base).enough else ():
-            if not term.linear:
+        for term in new:
+            if not term.linear and self.in_pieces:
                 self.report(f"trying {base.label} + {term.label}")
                 tried += self._from_starts(base, term)
-        for old, term in richer:
+        for old, term in richer if richer and not self.judge(base).enough else ():
             self.report(f"trying {term.label} for {old.label}")
             tried.append(self._changed(base, old, term))
         findings.attempts += tried
@@ -253,27 +284,38 @@ class Search:
         if not better:
             return False
         found = min(better, key=lambda a: a.price)
-        refiltered = self.refilter(found)
+        refiltered = found if self.in_pieces else self.refilter(found)
         if refiltered is not found:  # prices of before were of other samples
             findings.nominal = self.attempt((), findings.nominal.fit.shared, findings.nominal.fit.own)
             findings.attempts = [refiltered]
         findings.best = refiltered
         return True
 
+    def _promising(self, screened: dict[str, tuple[float, np.ndarray]]) -> list[str]:
+        """Of the effects that promise most, the simplest variant that promises nearly as much as the richest."""
+        most: dict[tuple[str, str | None], float] = {}
+        for label, (gain, _) in screened.items():
+            place = self.terms[label].place
+            most[place] = max(most.get(place, _LEAST), gain)
+        found = []
+        for place in sorted(most, key=lambda place: -most[place]):
+            alike = [
+                label
+                for label, (gain, _) in screened.items()
+                if self.terms[label].place == place and gain > _NEARLY * most[place]
+            ]
+            if alike:
+                found.append(min(alike, key=lambda v: (len(self.terms[v].unknowns), -screened[v][0])))
+        return found[:_FITTED]
+
     def _from_starts(self, base: Attempt, term: Term) -> list[Attempt]:
-        """A term that is far from linear: every start, from the recordings' first seconds on."""
-        given = self.tracks
-        self.tracks = [track.part(0, max(60, round(_GLANCE * track.rate))) for track in given]
-        terms = (*base.terms, term)
+        """A term that is far from linear: begun at each of its starts."""
         brief = [
-            self.attempt(terms, np.concatenate([base.fit.shared, start]), self.begin, staged=True, brief=True)
+            self.attempt((*base.terms, term), np.concatenate([base.fit.shared, start]), base.fit.own, brief=True)
             for start in term.starts
         ]
-        self.tracks = given
         best = min(brief, key=lambda a: a.price)
-        if not np.isfinite(best.price):
-            return []
-        found = self.attempt(terms, best.fit.shared, best.fit.own)
+        found = self.attempt(best.terms, best.fit.shared, best.fit.own)
         return [found] if np.isfinite(found.price) else []
 
     def _changed(self, base: Attempt, old: Term, new: Term | None) -> Attempt:
@@ -292,23 +334,44 @@ class Search:
         return self.attempt(terms, np.concatenate(start), base.fit.own)
 
     def sure(self, attempt: Attempt) -> bool:
-        """Whether every term is surely there."""
-        return all(attempt.sureness(term) > _SURE for term in attempt.terms)
+        """Whether every term is surely there, and none has run into a bound.
+
+        A drive need not be: a motor becomes as soft as it can until what else is missing is found.
+        """
+        return all(
+            attempt.sureness(term) > _SURE and not attempt.at_bound(term)
+            for term in attempt.terms
+            if term.linear
+        )
 
     def prune(self, findings: Findings) -> None:
         """Take out terms, or parameters of them, without which the rest does as well."""
         while findings.best.terms:
             best = findings.best
             for old in best.terms:
+                doubtful = best.doubtful(old)
                 names = {u.name for u in old.unknowns}
-                poorer = [
+                poorer: list[Term | None] = [
                     t
                     for t in self.terms.values()
-                    if t.place == old.place and {u.name for u in t.unknowns} < names
+                    if t.place == old.place and names - doubtful <= {u.name for u in t.unknowns} < names
                 ]
-                changed = [self._changed(best, old, new) for new in (None, *poorer)]
+                if names <= doubtful:
+                    poorer.append(None)
+                if self.in_pieces:  # another variant that is no part of this one, as a motor for a controller
+                    poorer += [
+                        t
+                        for t in self.terms.values()
+                        if t.place == old.place
+                        and len(t.unknowns) <= len(names)
+                        and not {u.name for u in t.unknowns} <= names
+                    ]
+                changed = [self._changed(best, old, new) for new in poorer]
                 findings.attempts += [a for a in changed if a.terms]
-                good = [a for a in changed if a.price < best.price + _LEAST and self.sure(a)]
+                fewer = {a.label: len(a.fit.model.shared) < len(best.fit.model.shared) for a in changed}
+                good = [
+                    a for a in changed if a.price < best.price + _LEAST * (2 * fewer[a.label] - 1) and self.sure(a)
+                ]
                 if good:
                     findings.best = min(good, key=lambda a: (sum(len(t.unknowns) for t in a.terms), a.price))
                     break
@@ -332,29 +395,75 @@ class Search:
         nominal = self.nominal()
         findings = Findings(nominal, nominal)
         keep(findings)
+        if not self.judge(nominal).enough:
+            every = self.terms
+            # a controller's two gains can imitate much; they are asked only where nothing else explains
+            self.terms = {k: t for k, t in every.items() if "integral" not in t.effect.parameters}
+            found, explains = self.search_pieces(most)
+            self.terms = every
+            if not explains:
+                other, explains = self.search_pieces(most)
+                found = other if explains else found
+            if found.terms:
+                self.report(f"fitting {found.label}")
+                best = self.refilter(self.attempt(found.terms, found.fit.shared, self.begin, staged=True))
+                if best.price / best.fit.samples < nominal.price / nominal.fit.samples:
+                    findings.best = best
+                    findings.nominal = self.attempt((), nominal.fit.shared, nominal.fit.own)
+        keep(findings)
         while self.widen(findings, most):
             keep(findings)
         self.prune(findings)
-        if any(len(all_.values) > len(part.values) for all_, part in zip(whole, self.tracks, strict=True)):
-            self.report("fitting the recordings' whole length")
-            self.tracks = [
-                replace(t, low_pass=part.low_pass) for t, part in zip(whole, self.tracks, strict=True)
-            ]
-            before = findings.nominal
-            findings.nominal = self.attempt((), before.fit.shared, before.fit.own, staged=True)
-            best = findings.best
-            findings.best = (
-                self.attempt(best.terms, best.fit.shared, best.fit.own, staged=True)
-                if best.terms
-                else findings.nominal
-            )
-            findings.attempts = [findings.best] if best.terms else []
-            if self.widen(findings, most):
-                self.prune(findings)
+        self.enough = _FINE
+        self.report("fitting the recordings' whole length")
+        self.tracks = [replace(t, low_pass=part.low_pass) for t, part in zip(whole, self.tracks, strict=True)]
+        self._refit(findings)
+        if any(len(t.values) > _LOOK * t.rate for t in whole) and self.widen(findings, most):
+            self.prune(findings)
         self.question_zero(findings)
         findings.enough = self.judge(findings.best)
         keep(findings)
         return findings
+
+    def _refit(self, findings: Findings) -> None:
+        """The best and the nominal attempt, fitted anew to the present recordings."""
+        best, nominal = findings.best, findings.nominal
+        findings.nominal = self.attempt((), nominal.fit.shared, nominal.fit.own, staged=True)
+        findings.best = findings.nominal
+        if best.terms:
+            findings.best = self.attempt(best.terms, best.fit.shared, best.fit.own, staged=True)
+            if findings.best.fit.samples != best.fit.samples:
+                findings.attempts = []  # their prices are of other samples
+
+    def search_pieces(self, most: int) -> tuple[Attempt, bool]:
+        """The search on short pieces of the recordings, each with its own beginning and speed of the drive.
+
+        Over many turns the crank's phase gathers whatever changes its mean speed, and a set of terms that is
+        incomplete settles where their errors cancel there. A few turns cannot, so that what is missing is
+        named one by one; a fit to the whole has the right terms to begin with.
+
+        Returns:
+            The best attempt, and whether what it leaves is of the size of the noise.
+        """
+        given, begun = self.tracks, self.begin
+        turns = np.abs(begun[:, 3]) / 60.0
+        self.tracks, rows = [], []
+        for r, track in enumerate(given):
+            size = max(_FEWEST, round(_TURNS / max(turns[r], 0.2) * track.rate))
+            count = min(max(1, _PIECES // len(given)), max(1, len(track.values) // size))
+            for place in np.linspace(0, max(len(track.values) - size, 0), count).astype(int):
+                self.tracks.append(track.part(int(place), int(place) + size))
+                rows.append(begin(self.tracks[-1], self.model.machine, self.speeds))
+        self.begin, self.in_pieces = np.array(rows), True
+        start = np.array([u.prior[0] if u.prior else u.low for u in self.model.shared])
+        nominal = self.attempt((), start, self.begin, staged=True)
+        findings = Findings(nominal, nominal)
+        while self.widen(findings, most):
+            self.report(f"so far {findings.best.label}")
+        self.prune(findings)
+        explains = bool(findings.best.terms) and self.judge(findings.best).level.max() < _POOR
+        self.tracks, self.begin, self.in_pieces = given, begun, False
+        return findings.best, explains
 
     def question_zero(self, findings: Findings) -> None:
         """Whether the encoder's zero, which was refitted throughout, is surely off."""
@@ -413,7 +522,7 @@ def _sides(term: Term, start: np.ndarray) -> list[tuple[np.ndarray, int, float]]
         side = start.copy()
         side[term.sizes] = term.off[term.sizes]
         unknown = term.unknowns[i]
-        step = 10.0 * unknown.step
+        step = unknown.step
         inside = unknown.inner(unknown.outer(term.off[i] + step))
         if abs(inside - (term.off[i] + step)) > 0.5 * step:
             step = -step

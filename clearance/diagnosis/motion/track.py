@@ -133,6 +133,11 @@ class Track:
             ]
         )
 
+    def only(self, channel: str) -> "Track":
+        """One channel alone."""
+        place = self.channels.index(channel)
+        return replace(self, values=self.values[:, place : place + 1], channels=(channel,))
+
     def part(self, first: int, last: int) -> "Track":
         """Samples ``first`` to ``last`` alone."""
         return replace(self, values=self.values[first:last])
