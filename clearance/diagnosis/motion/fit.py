@@ -126,7 +126,17 @@ def fit(
     if staged:
         if all("crank_angle" in track.channels for track in tracks):
             turning = [t.only("crank_angle") for t in tracks]
-            turned = _fit(replace(model, with_zero=False), turning, shared, own, begin, workers, iterations, True, enough)
+            turned = _fit(
+                replace(model, with_zero=False),
+                turning,
+                shared,
+                own,
+                begin,
+                workers,
+                iterations,
+                True,
+                enough,
+            )
             own = turned.own
         seconds, longest = _FIRST, max(track.seconds for track in tracks)
         while seconds < 0.7 * longest:

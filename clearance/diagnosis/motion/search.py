@@ -16,14 +16,15 @@ from clearance.diagnosis.motion.track import Track
 from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 
-_NEARLY = 0.85  # of the gain of a richer variant
-_FITTED = 3  # terms that are fitted in a round, after screening all
+_NEARLY = 0.9  # of the gain of the best: so much from something simpler is preferred
+_FITTED = 4  # terms that are fitted in a round, after screening all
 _LEAST = 10.0  # decrease of the penalised cost for which a term is taken in
 _DOUBT = 6.0  # standard deviations off zero below which a parameter is tried without
 _SURE = 3.3  # standard deviations that the best-known size of a term must lie off zero
 _PIECES, _TURNS, _FEWEST = 8, 2.5, 24  # pieces of all recordings; turns of the crank and samples of each
 _LOOK = 8.0  # s of each recording that are searched; the result is fitted to all of them
 _ALIKE = 10.0  # difference of prices below which two explanations are equivalent
+_SECONDS = 60.0  # after which no further term is looked for
 _POOR = 1.3  # residuals over noise from which on a set of terms does not explain the pieces
 _ROUGH, _FINE = 2.0, 0.05  # decrease of the cost that ends a fit, while searching and at the end
 _PATIENT = 15  # iterations of a fit
@@ -148,6 +149,11 @@ class Search:
         """Say how far it is."""
         self._report(f"[{monotonic() - self.started:.0f} s] {text}")
 
+    @property
+    def in_time(self) -> bool:
+        """Whether there is time to look for more."""
+        return monotonic() - self.started < _SECONDS
+
     def attempt(
         self,
         terms: Sequence[Term],
@@ -260,7 +266,8 @@ class Search:
             (old, t)
             for old in base.terms
             for t in self.terms.values()
-            if t.place == old.place and not {u.name for u in t.unknowns} <= {u.name for u in old.unknowns}
+            if t.place == old.place
+            and not {u.name for u in t.unknowns} <= {u.name for u in old.unknowns}
             and len(t.unknowns) >= len(old.unknowns)
         ]
         screened = self.screen(base, new)
@@ -283,7 +290,9 @@ class Search:
         better = [a for a in tried if a.price < base.price - _LEAST and self.sure(a)]
         if not better:
             return False
-        found = min(better, key=lambda a: a.price)
+        gained = base.price - min(a.price for a in better)
+        alike = [a for a in better if base.price - a.price > _NEARLY * gained]
+        found = min(alike, key=lambda a: (len(a.fit.model.shared), a.price))
         refiltered = found if self.in_pieces else self.refilter(found)
         if refiltered is not found:  # prices of before were of other samples
             findings.nominal = self.attempt((), findings.nominal.fit.shared, findings.nominal.fit.own)
@@ -311,7 +320,9 @@ class Search:
     def _from_starts(self, base: Attempt, term: Term) -> list[Attempt]:
         """A term that is far from linear: begun at each of its starts."""
         brief = [
-            self.attempt((*base.terms, term), np.concatenate([base.fit.shared, start]), base.fit.own, brief=True)
+            self.attempt(
+                (*base.terms, term), np.concatenate([base.fit.shared, start]), base.fit.own, brief=True
+            )
             for start in term.starts
         ]
         best = min(brief, key=lambda a: a.price)
@@ -370,7 +381,9 @@ class Search:
                 findings.attempts += [a for a in changed if a.terms]
                 fewer = {a.label: len(a.fit.model.shared) < len(best.fit.model.shared) for a in changed}
                 good = [
-                    a for a in changed if a.price < best.price + _LEAST * (2 * fewer[a.label] - 1) and self.sure(a)
+                    a
+                    for a in changed
+                    if a.price < best.price + _LEAST * (2 * fewer[a.label] - 1) and self.sure(a)
                 ]
                 if good:
                     findings.best = min(good, key=lambda a: (sum(len(t.unknowns) for t in a.terms), a.price))
@@ -401,7 +414,7 @@ class Search:
             self.terms = {k: t for k, t in every.items() if "integral" not in t.effect.parameters}
             found, explains = self.search_pieces(most)
             self.terms = every
-            if not explains:
+            if not explains and self.in_time:
                 other, explains = self.search_pieces(most)
                 found = other if explains else found
             if found.terms:
@@ -411,14 +424,14 @@ class Search:
                     findings.best = best
                     findings.nominal = self.attempt((), nominal.fit.shared, nominal.fit.own)
         keep(findings)
-        while self.widen(findings, most):
+        while self.in_time and self.widen(findings, most):
             keep(findings)
         self.prune(findings)
         self.enough = _FINE
         self.report("fitting the recordings' whole length")
         self.tracks = [replace(t, low_pass=part.low_pass) for t, part in zip(whole, self.tracks, strict=True)]
         self._refit(findings)
-        if any(len(t.values) > _LOOK * t.rate for t in whole) and self.widen(findings, most):
+        if any(len(t.values) > _LOOK * t.rate for t in whole) and self.in_time and self.widen(findings, most):
             self.prune(findings)
         self.question_zero(findings)
         findings.enough = self.judge(findings.best)
@@ -458,7 +471,7 @@ class Search:
         start = np.array([u.prior[0] if u.prior else u.low for u in self.model.shared])
         nominal = self.attempt((), start, self.begin, staged=True)
         findings = Findings(nominal, nominal)
-        while self.widen(findings, most):
+        while self.in_time and self.widen(findings, most):
             self.report(f"so far {findings.best.label}")
         self.prune(findings)
         explains = bool(findings.best.terms) and self.judge(findings.best).level.max() < _POOR
