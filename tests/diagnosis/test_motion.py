@@ -1,4 +1,4 @@
-"""Recordings without accelerometers: what their machine lacks is named, with an interval that holds the truth."""
+"""Recordings without accelerometers: what their machine lacks is named, with an interval."""
 
 import json
 from dataclasses import replace
@@ -72,7 +72,8 @@ def test_a_run_of_ideal_joints_is_that_of_the_general_simulator():
     seen = predict(track, [Guess(machine, Instrument(), 0.0, 0.0, 0.0)])[0]
     run = simulate_trajectory(machine, Integrator("runge_kutta_4", 1e-4), 0.4, 20)
     expected = run.signals[:, [Signal[c.upper()] for c in channels]]
-    assert np.abs(seen - expected).max(axis=0) == pytest.approx(0.0, abs=2e-4)
+    # the step of the prediction is five times longer: its error stays a tenth of an encoder's count
+    assert (np.abs(seen - expected).max(axis=0) < [5e-5, 5e-4, 1e-5, 2e-6, 1e-4]).all()
 
 
 def test_a_clearance_moves_the_slider_by_no_more_than_itself_over_the_cosine_of_the_rod():
@@ -181,8 +182,14 @@ def test_geometry_and_gain(effect, fault, parameter, truth):
 def test_masses_that_no_force_sensor_weighs_are_told_in_combination_only():
     recording = planted(4.0, 200.0, effects={"gravity": {"gravity_y": -9.81}, "soft_drive": MOTOR})
     machine = replace(SliderCrank(), gravity=(0.0, -9.81), drive=DirectCurrentMotor(1.0, 650.0))
-    bounds = {"slider.mass": (0.03, 0.6), "rod.mass": (0.05, 0.9), "crank.mass": (0.05, 1.0),
-              "drive.stall_torque": (0.1, 10.0)}  # fmt: skip
+    bounds = {
+        "slider.mass": (0.03, 0.6),
+        "rod.mass": (0.05, 0.9),
+        "rod.inertia": (5e-5, 1e-3),
+        "crank.mass": (0.05, 1.0),
+        "crank.inertia": (1e-6, 1e-3),
+        "drive.stall_torque": (0.1, 10.0),
+    }
     found = diagnosed(recording, ["slider_offset"], uncertain=bounds, machine=machine)
     assert found["verdict"] == "none"
     unknown = [one["path"] for one in found["uncertain"] if not one["determined"]]
@@ -223,8 +230,8 @@ def test_wrong_settings_and_recordings():
 def test_the_command_takes_such_recordings_and_writes_all_that_it_always_writes(tmp_path):
     write(planted(4.0, 100.0, effects={"slider_offset": {"offset": 3e-3}}), tmp_path / "rig.parquet")
     done = launch(
-        "diagnose", "recordings=[rig.parquet]", "joint=C", "hypotheses=[slider_offset,gravity]", "hydra.run.dir=run",
-        folder=tmp_path,
+        "diagnose", "recordings=[rig.parquet]", "joint=C", "hypotheses=[slider_offset,gravity]",
+        "hydra.run.dir=run", folder=tmp_path,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "run/diagnosis.json").read_text())

@@ -33,8 +33,8 @@ def begin(track: Track, machine: SliderCrank, speeds: tuple[float, float]) -> np
         return np.array([angle[0], slope, 0.0, final * 30.0 / np.pi, 0.0])
     if "slider_position" not in named and "slider_velocity" not in named:
         raise InputError(
-            f"{track.name}: has {', '.join(track.channels)}; crank_angle, slider_position or slider_velocity is "
-            "needed to know where the crank stands"
+            f"{track.name}: has {', '.join(track.channels)}; crank_angle, slider_position or slider_velocity "
+            "is needed to know where the crank stands"
         )
     channel = "slider_position" if "slider_position" in named else "slider_velocity"
     part = time < _LOOK
@@ -47,7 +47,7 @@ def begin(track: Track, machine: SliderCrank, speeds: tuple[float, float]) -> np
         start, final = float(np.median(speed[:first])), float(speed[late].mean())
     else:
         grid = np.arange(speeds[0], speeds[1], 2.0 * np.pi / (4.0 * time[part][-1]))
-        rests = [_phase(values, speed * time[part])[0] for speed in grid]
+        rests = [_phase(values, trial * time[part])[0] for trial in grid]
         start = final = float(grid[int(np.argmin(rests))])
         sense, phase = 1.0, _phase(values, start * time[part])[1]
     # the slider stands farthest out at angle zero; its velocity is a quarter turn ahead

@@ -248,9 +248,9 @@ def _structural(term: Term, machine: SliderCrank) -> bool:
 class Model:
     """A machine with unknown numbers, for several recordings.
 
-    Shared unknowns are the uncertain values of the machine, the clearance where the slider's position can show
-    it, and the parameters of the terms. Each recording has its own start angle, start speed, start of the drive's
-    integral, speed of the drive and zero of the encoder.
+    Shared unknowns are the uncertain values of the machine, the clearance where the slider's position can
+    show it, and the parameters of the terms. Each recording has its own start angle, start speed, start of
+    the drive's integral, speed of the drive and zero of the encoder.
 
     Attributes:
         machine: nominal, joints ideal.

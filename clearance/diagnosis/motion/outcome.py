@@ -1,4 +1,4 @@
-"""Carry out a diagnosis of motion alone and gather what it says: the contract's JSON, the report's evidence."""
+"""Carry out a diagnosis of motion alone and gather what it says, for the contract and the report."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -150,7 +150,7 @@ def diagnose(
 
 
 class _Judged:
-    """An attempt beside recordings that it was not fitted to: only their start and their drive's speed are free."""
+    """An attempt beside recordings that it was not fitted to: only start and drive's speed are free."""
 
     def __init__(
         self, attempt: Attempt, held_out: Sequence[Track], search: Search, speeds: tuple[float, float]
@@ -214,8 +214,8 @@ def _require_plausible(findings: Findings, search: Search) -> None:
             left = float((rest[:, i] ** 2).mean() / np.maximum(track.values[:, i].var(), 1e-300))
             if not left < 1.0 - _UNLIKELY:
                 raise InputError(
-                    f"{track.name}: this mechanism explains {max(0.0, 1.0 - left):.0%} of {channel}; is it another "
-                    "machine's, are columns swapped or in other units, or is its speed outside speed_range?"
+                    f"{track.name}: this mechanism explains {max(0.0, 1.0 - left):.0%} of {channel}; is it "
+                    "another machine's, are columns swapped or in other units, or is its speed outside speed_range?"
                 )
 
 
@@ -251,8 +251,8 @@ def _ranking(findings: Findings) -> list[dict[str, Any]]:
         if all(label not in name for name in rows):
             rows[label] = {
                 "name": label, "kind": "instrument" if label.startswith("sensor_") else "physics",
-                "log_likelihood_gain": 0.5 * max(gain, 0.0), "p_value": None, "parameters": {}, "asserted": False,
-                "note": "screened only: gain as the linearised model foresees it",
+                "log_likelihood_gain": 0.5 * max(gain, 0.0), "p_value": None, "parameters": {},
+                "asserted": False, "note": "screened only: gain as the linearised model foresees it",
             }  # fmt: skip
     return list(rows.values())
 
@@ -316,4 +316,4 @@ def _next_experiment(alike: Sequence[Attempt], tracks: Sequence[Track]) -> str |
     lacking = [c for c in ("crank_angle", "slider_position", "drive_torque") if c not in tracks[0].channels]
     if lacking:
         return f"record {lacking[0]} too: these explanations differ there"
-    return "record at a clearly different speed, or a start from rest: delays, friction and gravity scale with it"
+    return "record at a clearly different speed, or a start from rest: delays and forces scale with it"

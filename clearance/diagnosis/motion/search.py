@@ -179,8 +179,8 @@ class Search:
     def refilter(self, attempt: Attempt) -> Attempt:
         """The attempt, or the same terms with recordings that passed a filter, or did not, if that is better.
 
-        Nothing in a file tells whether its positions and speeds went through the anti-alias filter of the usual
-        measurement chain or were sampled as they were.
+        Nothing in a file tells whether its positions and speeds went through the anti-alias filter of the
+        usual measurement chain or were sampled as they were.
         """
         given = self.tracks
         if all(track.declared for track in given):
@@ -293,7 +293,7 @@ class Search:
         gained = base.price - min(a.price for a in better)
         alike = [a for a in better if base.price - a.price > _NEARLY * gained]
         found = min(alike, key=lambda a: (len(a.fit.model.shared), a.price))
-        refiltered = found if self.in_pieces else self.refilter(found)
+        refiltered = self.refilter(found)
         if refiltered is not found:  # prices of before were of other samples
             findings.nominal = self.attempt((), findings.nominal.fit.shared, findings.nominal.fit.own)
             findings.attempts = [refiltered]
@@ -301,7 +301,7 @@ class Search:
         return True
 
     def _promising(self, screened: dict[str, tuple[float, np.ndarray]]) -> list[str]:
-        """Of the effects that promise most, the simplest variant that promises nearly as much as the richest."""
+        """Of the effects that promise most, the simplest variant that promises nearly as much."""
         most: dict[tuple[str, str | None], float] = {}
         for label, (gain, _) in screened.items():
             place = self.terms[label].place
@@ -419,7 +419,8 @@ class Search:
                 found = other if explains else found
             if found.terms:
                 self.report(f"fitting {found.label}")
-                best = self.refilter(self.attempt(found.terms, found.fit.shared, self.begin, staged=True))
+                start = _inside(found)
+                best = self.refilter(self.attempt(found.terms, start, self.begin, staged=True))
                 if best.price / best.fit.samples < nominal.price / nominal.fit.samples:
                     findings.best = best
                     findings.nominal = self.attempt((), nominal.fit.shared, nominal.fit.own)
@@ -526,6 +527,18 @@ def zero_of(fit: Fit) -> tuple[float, float]:
     variance = np.diag(fit.covariance)[places]
     weight = 1.0 / np.maximum(variance, 1e-300)
     return float((weight * fit.own[:, 4]).sum() / weight.sum()), float(weight.sum() ** -0.5)
+
+
+def _inside(attempt: Attempt) -> np.ndarray:
+    """Shared values of an attempt, sizes that vanish put back to a third of a plausible one."""
+    values = attempt.fit.shared.copy()
+    place = len(attempt.fit.model.fixed_unknowns)
+    for term in attempt.terms:
+        for i in term.sizes:
+            if abs(values[place + i] - term.off[i]) < 1e-9:
+                values[place + i] = term.off[i] + 0.3 * (term.starts[0][i] - term.off[i])
+        place += len(term.unknowns)
+    return values
 
 
 def _sides(term: Term, start: np.ndarray) -> list[tuple[np.ndarray, int, float]]:

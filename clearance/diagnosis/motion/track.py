@@ -1,4 +1,4 @@
-"""A recording of angles, speeds, positions and torques, at the rate of an encoder, and the filter it passed."""
+"""A recording of angles, speeds, positions and torques at an encoder's rate, and the filter it passed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -119,7 +119,7 @@ class Track:
 
     @property
     def smallest(self) -> np.ndarray:
-        """(channels,) noise below which no channel is trusted: that of the solver, and of an encoder's counts.
+        """(channels,) noise below which no channel is trusted: that of the solver, and of counting.
 
         The rounding of a steady turn repeats itself: its root mean square is anything up to half a count.
         """

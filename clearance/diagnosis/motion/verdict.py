@@ -99,7 +99,7 @@ def _described(
 
 
 def clearance_of(fit: Fit) -> dict[str, Any]:
-    """The clearance as the contract writes it: a number where it is seen, else the bound below which it stays."""
+    """The clearance as the contract writes it: a number where it is seen, else its upper bound."""
     found: dict[str, Any] = {
         "joint": fit.model.joint,
         "before_m": None,
@@ -183,8 +183,8 @@ def sentences(
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
         lines.insert(
             0,
-            "Something is missing that none of the tried hypotheses explains: what they leave comes back with the "
-            f"crank's angle or drifts; in {worst} it is {findings.enough.level.max():.3g} times the noise.",
+            "Something is missing that none of the tried hypotheses explains: what they leave comes back "
+            f"with the crank's angle or drifts; in {worst} it is {findings.enough.level.max():.3g} times the noise.",
         )
     if equivalents:
         names = " or ".join(" with ".join(t.label for t in a.terms) for a in equivalents)

@@ -1,4 +1,4 @@
-"""Where residuals lie: by channel, crank angle and frequency, for the report and the contract's ``mismatch``."""
+"""Where residuals lie: by channel, crank angle and frequency."""
 
 from collections.abc import Sequence
 from typing import Any
