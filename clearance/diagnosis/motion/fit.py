@@ -16,12 +16,12 @@ from clearance.diagnosis.motion.track import Track
 
 OWN = 5  # unknowns of each recording
 _DAMPING = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
-_SHARES = (1.0, 0.3)  # of a step
+_SHARES = (1.0, 0.5, 0.2, 0.05)  # of a step
 _ITERATIONS = 15
 _ENOUGH = 0.05  # decrease of the cost that changes nothing any more
 _HELD = 1e20  # weight of a prior from which on an unknown stays where it is
 _TRIALS = len(_DAMPING) + len(_SHARES) - 1
-_CORRECTIONS = 2  # of own unknowns beside each trial
+_CORRECTIONS = 3  # of own unknowns beside each trial
 _BLOCKS = 40  # parts of the recordings whose pulls are compared
 _FIRST = 0.5  # s of the first stage; each later one is three times longer
 _FEWEST = 24  # samples of it
@@ -31,7 +31,7 @@ def inverse_of(information: np.ndarray) -> np.ndarray:
     """Inverse of a symmetric matrix of very different units; directions without information stay without."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     return np.asarray(
-        np.linalg.pinv(information / np.outer(scale, scale), 1e-12, hermitian=True) / np.outer(scale, scale)
+        np.linalg.pinv(information / np.outer(scale, scale), 1e-15, hermitian=True) / np.outer(scale, scale)
     )
 
 

@@ -215,7 +215,8 @@ def _require_plausible(findings: Findings, search: Search) -> None:
             if not left < 1.0 - _UNLIKELY:
                 raise InputError(
                     f"{track.name}: this mechanism explains {max(0.0, 1.0 - left):.0%} of {channel}; is it "
-                    "another machine's, are columns swapped or in other units, or is its speed outside speed_range?"
+                    "another machine's, are columns swapped or in other units, or is its speed outside "
+                    "speed_range?"
                 )
 
 

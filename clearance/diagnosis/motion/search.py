@@ -25,7 +25,7 @@ _PIECES, _TURNS, _FEWEST = 8, 2.5, 24  # pieces of all recordings; turns of the 
 _LOOK = 8.0  # s of each recording that are searched; the result is fitted to all of them
 _ALIKE = 10.0  # difference of prices below which two explanations are equivalent
 _SECONDS = 60.0  # after which no further term is looked for
-_POOR = 1.3  # residuals over noise from which on a set of terms does not explain the pieces
+_POOR = 1.2  # residuals over noise from which on terms are not enough, or not rich enough
 _ROUGH, _FINE = 2.0, 0.05  # decrease of the cost that ends a fit, while searching and at the end
 _PATIENT = 15  # iterations of a fit
 _BRIEF = 6  # iterations of a fit that is only compared
@@ -283,7 +283,7 @@ class Search:
             if not term.linear and self.in_pieces:
                 self.report(f"trying {base.label} + {term.label}")
                 tried += self._from_starts(base, term)
-        for old, term in richer if richer and not self.judge(base).enough else ():
+        for old, term in richer if richer and self.judge(base).level.max() > _POOR else ():
             self.report(f"trying {term.label} for {old.label}")
             tried.append(self._changed(base, old, term))
         findings.attempts += tried
@@ -417,13 +417,12 @@ class Search:
             if not explains and self.in_time:
                 other, explains = self.search_pieces(most)
                 found = other if explains else found
+            findings.nominal = findings.best = self.attempt((), nominal.fit.shared, nominal.fit.own)
             if found.terms:
                 self.report(f"fitting {found.label}")
-                start = _inside(found)
-                best = self.refilter(self.attempt(found.terms, start, self.begin, staged=True))
-                if best.price / best.fit.samples < nominal.price / nominal.fit.samples:
+                best = self.attempt(found.terms, _inside(found), self.begin, staged=True)
+                if best.price < findings.nominal.price:
                     findings.best = best
-                    findings.nominal = self.attempt((), nominal.fit.shared, nominal.fit.own)
         keep(findings)
         while self.in_time and self.widen(findings, most):
             keep(findings)
@@ -476,7 +475,11 @@ class Search:
             self.report(f"so far {findings.best.label}")
         self.prune(findings)
         explains = bool(findings.best.terms) and self.judge(findings.best).level.max() < _POOR
-        self.tracks, self.begin, self.in_pieces = given, begun, False
+        filtered = self.tracks[0].low_pass is not None
+        self.tracks = [
+            t if t.declared else replace(t, low_pass=t.usual_low_pass if filtered else None) for t in given
+        ]
+        self.begin, self.in_pieces = begun, False
         return findings.best, explains
 
     def question_zero(self, findings: Findings) -> None:

@@ -13,7 +13,7 @@ from clearance.diagnosis.motion.search import Attempt, Findings, zero_of
 
 _Z = 1.96  # of a 95 % interval
 _SEEN = 3.3  # standard deviations from which on a clearance counts as seen
-_KNOWN = 0.25  # of its range: an uncertain value is known when its deviation is below
+_KNOWN = 0.05  # of its range: an uncertain value is known when its deviation is below
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,8 @@ def sentences(
         lines.insert(
             0,
             "Something is missing that none of the tried hypotheses explains: what they leave comes back "
-            f"with the crank's angle or drifts; in {worst} it is {findings.enough.level.max():.3g} times the noise.",
+            f"with the crank's angle or drifts; in {worst} it is {findings.enough.level.max():.3g} times the "
+            "noise.",
         )
     if equivalents:
         names = " or ".join(" with ".join(t.label for t in a.terms) for a in equivalents)
