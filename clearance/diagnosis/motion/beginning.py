@@ -40,15 +40,16 @@ def begin(track: Track, machine: SliderCrank, speeds: tuple[float, float]) -> np
     part = time < _LOOK
     values = named[channel][part]
     if "crank_speed" in named:
-        speed = named["crank_speed"]
-        turned = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1])) / track.rate])[part]
-        sense = 1.0 if speed.mean() >= 0.0 else -1.0
+        measured = named["crank_speed"]
+        turned = np.concatenate([[0.0], np.cumsum(0.5 * (measured[1:] + measured[:-1])) / track.rate])[part]
+        sense = 1.0 if measured.mean() >= 0.0 else -1.0
         phase = _phase(values, turned)[1]
-        start, final = float(np.median(speed[:first])), float(speed[late].mean())
+        start = float(np.median(measured[:first]))
+        final = float(measured[late].mean())
     else:
         grid = np.arange(speeds[0], speeds[1], 2.0 * np.pi / (4.0 * time[part][-1]))
         rests = [_phase(values, trial * time[part])[0] for trial in grid]
-        start = final = float(grid[int(np.argmin(rests))])
+        start = final = float(grid[np.argmin(rests)])
         sense, phase = 1.0, _phase(values, start * time[part])[1]
     # the slider stands farthest out at angle zero; its velocity is a quarter turn ahead
     angle = phase if channel == "slider_position" else phase - sense * np.pi / 2.0
