@@ -52,8 +52,8 @@ def begin(track: Track, machine: SliderCrank, speeds: tuple[float, float]) -> np
         start = final = float(grid[np.argmin(rests)])
         sense, phase = 1.0, _phase(values, start * time[part])[1]
     # the slider stands farthest out at angle zero; its velocity is a quarter turn ahead
-    angle = phase if channel == "slider_position" else phase - sense * np.pi / 2.0
-    return np.array([np.mod(angle, 2.0 * np.pi), start, 0.0, final * 30.0 / np.pi, 0.0])
+    stands = phase if channel == "slider_position" else phase - sense * np.pi / 2.0
+    return np.array([np.mod(stands, 2.0 * np.pi), start, 0.0, final * 30.0 / np.pi, 0.0])
 
 
 def _phase(values: np.ndarray, turned: np.ndarray) -> tuple[float, float]:
