@@ -17,6 +17,9 @@ from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.explain import Explanation
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.measured import Measured, chain_of
+from clearance.diagnosis.motion.outcome import diagnose as diagnose_motion
+from clearance.diagnosis.motion.recordings import only_motion, tracks_of, uncertain_bounds, zero_is_known
+from clearance.diagnosis.motion.search import Findings
 from clearance.diagnosis.outcome import Outcome, diagnose
 from clearance.diagnosis.report import write_report
 from clearance.errors import InputError
@@ -52,20 +55,31 @@ def main(cfg: DictConfig) -> None:
     if isinstance(most, bool) or not isinstance(most, int) or not 1 <= most <= 3:
         raise InputError(f"most_effects = {most!r} is not a whole number from 1 to 3; change most_effects")
     workers = threads(cfg.workers) or os.cpu_count() or 1
-    channels = tuple(instantiate(cfg.sensors, _convert_="all").channels)
-    if not cfg.recordings:
-        log.info("no recordings given: a demonstration on a simulated machine with friction on its guide")
-    fitted, judged = _load(cfg, setting, channels)
-    groups = gather(effects, setting.with_clearance(3e-4), joint, fitted[0].channels)
+    recordings, held_out = _read(cfg.recordings), _read(cfg.held_out)
 
-    def keep(explanation: Explanation) -> None:
-        rows = [
-            {"name": a.label, "misfit": a.misfit, "clearance_m": float(a.fit.values[0, 0])}
-            for a in [explanation.nominal, *explanation.attempts]
-        ]
-        write_json(folder / "progress.json", rows)
+    def keep(explanation: Explanation | Findings) -> None:
+        write_json(folder / "progress.json", _tried(explanation))
 
-    outcome = diagnose(fitted, judged, setting, groups, (low, high), workers, most, log.info, keep)
+    if only_motion([*recordings.values(), *held_out.values()]):
+        outcome = diagnose_motion(
+            *tracks_of(recordings, held_out),
+            setting,
+            effects,
+            uncertain_bounds(OmegaConf.to_container(cfg.uncertain), setting.machine),
+            zero_is_known(cfg.encoder_zero),
+            (low, high),
+            workers,
+            most,
+            log.info,
+            keep,
+        )
+    else:
+        channels = tuple(instantiate(cfg.sensors, _convert_="all").channels)
+        if not recordings:
+            log.info("no recordings given: a demonstration on a simulated machine with friction on its guide")
+        fitted, judged = _load(recordings or demonstration(setting), held_out, channels)
+        groups = gather(effects, setting.with_clearance(3e-4), joint, fitted[0].channels)
+        outcome = diagnose(fitted, judged, setting, groups, (low, high), workers, most, log.info, keep)
     _write(folder, outcome)
     lines = [*outcome.diagnosis["summary"], *outcome.diagnosis["warnings"]]
     sys.stdout.write("\n" + "\n".join(lines) + "\n")
@@ -82,11 +96,9 @@ def _speeds(given: Any) -> tuple[float, float]:
 
 
 def _load(
-    cfg: DictConfig, setting: Setting, channels: tuple[str, ...]
+    named: dict[str, Recording], others: dict[str, Recording], channels: tuple[str, ...]
 ) -> tuple[list[Measured], list[Measured]]:
     """Recordings to fit and recordings to judge by, with the channels that all of them have."""
-    named = _read(cfg.recordings) or demonstration(setting)
-    others = _read(cfg.held_out)
     everything = {**named, **others}
     rates = {name: recording.rate for name, recording in everything.items()}
     if len(set(rates.values())) > 1:
@@ -127,9 +139,17 @@ def _write(folder: Path, outcome: Outcome) -> None:
     from torch.utils.tensorboard import SummaryWriter
 
     with SummaryWriter(str(folder)) as events:
-        for attempt in [outcome.explanation.nominal, *outcome.explanation.attempts]:
-            events.add_scalar(f"misfit/{attempt.label}", attempt.misfit)
-            events.add_scalar(f"clearance/{attempt.label}", attempt.fit.values[0, 0])
+        for row in _tried(outcome.explanation):
+            events.add_scalar(f"misfit/{row['name']}", row["misfit"])
+            events.add_scalar(f"clearance/{row['name']}", row["clearance_m"])
+
+
+def _tried(explanation: Explanation | Findings) -> list[dict[str, Any]]:
+    """Everything that was fitted, with its clearance."""
+    return [
+        {"name": a.label, "misfit": a.misfit, "clearance_m": float(a.fit.values[0, 0])}
+        for a in [explanation.nominal, *explanation.attempts]
+    ]
 
 
 if __name__ == "__main__":

@@ -207,6 +207,7 @@ class Follower:
         ends, contacts, points = self._differentiate(
             machine, columns, chart, first, last, flow, jacobian, shared
         )
+        _silence(flow, shared, nv)
         noise = chart.noise * looseness * scale
         flow /= noise[:, None]
         bases = chart.bases(self.path.nodes[first:last])
@@ -371,6 +372,13 @@ class Follower:
             total[shift : shift + n] += parts[:, shift]
         inside = total[REACH + first - low : REACH + last - low]
         return np.concatenate([inside, points], axis=2)
+
+
+def _silence(flow: np.ndarray, shared: np.ndarray, known: int) -> None:
+    """Drop parameters with which the machine does not run: they say nothing."""
+    broken = ~np.isfinite(flow[:, :, known:]).all(axis=(0, 1)) | ~np.isfinite(shared).all(axis=(0, 1, 2, 3))
+    flow[:, :, known:][:, :, broken] = 0.0
+    shared[..., broken] = 0.0
 
 
 STRUCTURE = (Family.JOINT_B, Family.JOINT_C, Family.GUIDE, Family.LINK, Family.FRAME)

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.layout import Signal, State
 
+if TYPE_CHECKING:
+    from clearance.diagnosis.motion.search import Findings
+
 METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
 _SHOWN = 1500  # samples of an overlay
 _HINTS = 15  # hypotheses of the ranking that were not fitted
@@ -51,7 +54,7 @@ class Outcome:
     diagnosis: dict[str, Any]
     evidence: dict[str, Any]
     machine: SliderCrank
-    explanation: Explanation
+    explanation: "Explanation | Findings"
 
 
 def diagnose(

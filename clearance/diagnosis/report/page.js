@@ -96,7 +96,7 @@ function where() {
   if (facts.children.length) scene.append(facts);
   mechanismDrawing(stage);
   if (filled(EVIDENCE.where)) {
-    const box = card(block, "Error of one-millisecond predictions, in units of the expected noise");
+    const box = card(block, EVIDENCE.where.title ?? "Error of one-millisecond predictions, in units of the expected noise");
     if (!heatMap(box, EVIDENCE.where)) box.remove();
   }
   missingForce(block);

@@ -1,0 +1,235 @@
+"""From findings to what is asserted: verdict, numbers with intervals, plain words."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clearance.diagnosis.effect import Effect
+from clearance.diagnosis.motion.fit import Fit
+from clearance.diagnosis.motion.model import Term
+from clearance.diagnosis.motion.search import Attempt, Findings, zero_of
+
+_Z = 1.96  # of a 95 % interval
+_SEEN = 3.3  # standard deviations from which on a clearance counts as seen
+_KNOWN = 0.05  # of its range: an uncertain value is known when its deviation is below
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def text(self, effect: Effect, name: str) -> str:
+        """For people, as the effect writes its parameter."""
+        parameter = effect.parameter(name)
+        low, high = (parameter.text(v) for v in (self.low, self.high))
+        return f"{parameter.text(self.value)} ({low} to {high})"
+
+
+def estimates(attempt: Attempt, term: Term) -> dict[str, Estimate]:
+    """A term's parameters."""
+    values, deviations = attempt.parameters(term)
+    middle, low, high = (term.values(values + z * deviations) for z in (0.0, -_Z, _Z))
+    return {name: Estimate(middle[name], low[name], high[name]) for name in middle}
+
+
+def verdict_of(findings: Findings, equivalents: Sequence[Attempt], zero_counts: bool) -> str:
+    """None, physics, instrument, mixed, unknown or ambiguous."""
+    assert findings.enough is not None
+    if not findings.enough.enough:
+        return "unknown"
+    kinds = {term.effect.kind for term in findings.best.terms}
+    if findings.zero and zero_counts:
+        kinds.add("instrument")
+    if not kinds:
+        return "none"
+    if equivalents:
+        return "ambiguous"
+    return "mixed" if len(kinds) > 1 else kinds.pop()
+
+
+def effects(
+    findings: Findings, zero: Effect | None, chance: float
+) -> list[tuple[Effect, dict[str, Estimate], dict[str, Any]]]:
+    """What is asserted: each effect with its numbers, and as the contract writes it; the surest first.
+
+    Args:
+        findings: of the search.
+        zero: the encoder's zero as an effect, where it is to be asserted.
+        chance: probability of the set.
+    """
+    best = findings.best
+    found = []
+    for term in sorted(best.terms, key=lambda t: -best.sureness(t)):
+        off = {u.name: term.off[i] for i, u in enumerate(term.unknowns)}
+        outer = {u.name: u.outer(off[u.name]) if np.isfinite(off[u.name]) else None for u in term.unknowns}
+        found.append((term.effect, estimates(best, term), outer))
+    if zero is not None and findings.zero:
+        value, deviation = zero_of(best.fit)
+        found.append(
+            (zero, {"bias": Estimate(value, value - _Z * deviation, value + _Z * deviation)}, {"bias": 0.0})
+        )
+    return [
+        (effect, numbers, _described(effect, numbers, off, best, chance)) for effect, numbers, off in found
+    ]
+
+
+def _described(
+    effect: Effect, numbers: Mapping[str, Estimate], off: Mapping[str, Any], best: Attempt, chance: float
+) -> dict[str, Any]:
+    described: dict[str, Any] = {
+        "name": effect.name, "kind": effect.kind, "body": effect.place(best.fit.model.joint),
+        "direction": effect.direction, "probability": round(chance, 4),
+        "parameters": {
+            name: {
+                "value": e.value, "unit": effect.parameter(name).unit, "low": e.low, "high": e.high,
+                "off": off[name],
+            }
+            for name, e in numbers.items()
+        },
+    }  # fmt: skip
+    if effect.channel:
+        described["channel"] = effect.channel
+    return described
+
+
+def clearance_of(fit: Fit) -> dict[str, Any]:
+    """The clearance as the contract writes it: a number where it is seen, else its upper bound."""
+    found: dict[str, Any] = {
+        "joint": fit.model.joint,
+        "before_m": None,
+        "after_m": None,
+        "low_m": 0.0,
+        "high_m": None,
+    }
+    if not fit.model.with_clearance:
+        return found
+    place = len(fit.model.fixed_unknowns) - 1
+    value, deviation = float(fit.shared[place]), float(fit.deviations[place])
+    found["high_m"] = value + _Z * deviation
+    if value > _SEEN * deviation:
+        found |= {"after_m": value, "low_m": max(value - _Z * deviation, 0.0)}
+    return found
+
+
+def uncertain_of(fit: Fit) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """The machine's uncertain values, and the combinations of those that are not known one by one.
+
+    The covariance of the values that stay wide is split into its directions; what is narrow among them is a
+    combination that the recordings determine. Reference: Walter & Pronzato 1997, Identification of Parametric
+    Models from Experimental Data, ch. 2 (identifiability).
+    """
+    unknowns = [u for u in fit.model.fixed_unknowns if u.prior is not None]
+    covariance = fit.covariance[: len(unknowns), : len(unknowns)]
+    widths = np.array([u.prior[1] for u in unknowns if u.prior is not None])
+    deviations = np.sqrt(np.diag(covariance))
+    known = deviations < _KNOWN * widths
+    singles = []
+    for i, u in enumerate(unknowns):
+        inner = fit.shared[i] + np.array([0.0, -_Z, _Z]) * deviations[i]
+        value, low, high = (u.outer(float(v)) for v in inner)
+        singles.append(
+            {"path": u.name, "value": value, "low": low, "high": high, "determined": bool(known[i])}
+        )
+    wide = np.flatnonzero(~known)
+    combinations: list[dict[str, Any]] = []
+    if len(wide) > 1:
+        scaled = covariance[np.ix_(wide, wide)] / np.outer(widths[wide], widths[wide])
+        variances, directions = np.linalg.eigh(scaled)
+        for variance, direction in zip(variances, directions.T, strict=True):
+            if variance**0.5 > _KNOWN:
+                continue
+            values = np.array([singles[i]["value"] for i in wide])
+            slope = np.array([values[k] if unknowns[i].log else 1.0 for k, i in enumerate(wide)])
+            weights = direction / widths[wide] / slope
+            scale = weights[np.argmax(np.abs(weights))]
+            weights = weights / scale
+            middle, half = float(weights @ values), float(_Z * variance**0.5 / abs(scale))
+            shares = {unknowns[i].name: float(w) for i, w in zip(wide, weights, strict=True) if abs(w) > 0.02}
+            combinations.append(
+                {"weights": shares, "value": middle, "low": middle - half, "high": middle + half}
+            )
+    return singles, combinations
+
+
+def sentences(
+    verdict: str,
+    findings: Findings,
+    asserted: Sequence[tuple[Effect, dict[str, Estimate], dict[str, Any]]],
+    equivalents: Sequence[Attempt],
+    held: Mapping[str, float],
+    channels: Sequence[str],
+    clearance: Mapping[str, Any],
+    uncertain: tuple[list[dict[str, Any]], list[dict[str, Any]]],
+) -> list[str]:
+    """The diagnosis in plain words, the headline first."""
+    joint = findings.best.fit.model.joint
+    lines = []
+    if verdict == "none":
+        lines.append(
+            "Nothing is missing that these recordings could show: what the model leaves is noise "
+            f"(held-out error {held['after']:.2f}, floor 1.00)."
+        )
+    for effect, numbers, _ in asserted:
+        lines.append(effect.describe({name: e.text(effect, name) for name, e in numbers.items()}, joint))
+    if verdict == "unknown":
+        assert findings.enough is not None
+        worst = findings.enough.channels[int(np.argmax(findings.enough.level))]
+        lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
+        lines.insert(
+            0,
+            "Something is missing that none of the tried hypotheses explains: what they leave comes back "
+            f"with the crank's angle or drifts; in {worst} it is {findings.enough.level.max():.3g} times the "
+            "noise.",
+        )
+    if equivalents:
+        names = " or ".join(" with ".join(t.label for t in a.terms) for a in equivalents)
+        lines.append(f"With these sensors it cannot be told from {names}.")
+    if asserted:
+        lines.append(
+            f"It shows in {', '.join(channels)}. With it, held-out error falls from {held['before']:.3g} to "
+            f"{held['after']:.3g} (floor 1.00)."
+        )
+    lines += [_clearance_words(clearance), *_uncertain_words(*uncertain)]
+    return lines
+
+
+def _clearance_words(clearance: Mapping[str, Any]) -> str:
+    joint, high = clearance["joint"], clearance["high_m"]
+    if high is None:
+        return f"The clearance of joint {joint} cannot be seen here: no channel shows the slider's position."
+    if clearance["after_m"] is None:
+        return (
+            f"The clearance of joint {joint} cannot be seen here: up to {1e3 * high:.3g} mm would not show."
+        )
+    return (
+        f"The slider's position shows a clearance in joint {joint} of {1e3 * clearance['after_m']:.3g} mm "
+        f"({1e3 * clearance['low_m']:.3g} to {1e3 * high:.3g})."
+    )
+
+
+def _uncertain_words(
+    singles: Sequence[Mapping[str, Any]], combinations: Sequence[Mapping[str, Any]]
+) -> list[str]:
+    lines = []
+    for one in singles:
+        if one["determined"]:
+            lines.append(f"{one['path']} is {one['value']:.4g} ({one['low']:.4g} to {one['high']:.4g}).")
+    unknown = [str(one["path"]) for one in singles if not one["determined"]]
+    if unknown:
+        lines.append(f"These recordings do not tell {', '.join(unknown)} one by one.")
+    for one in combinations:
+        terms = " ".join(
+            f"{'+' if weight > 0 else '-'} {abs(weight):.3g} × {path}"
+            for path, weight in one["weights"].items()
+        )
+        lines.append(
+            f"What they tell is {terms.removeprefix('+ ')} = {one['value']:.4g} ({one['low']:.4g} to "
+            f"{one['high']:.4g}), near these values."
+        )
+    return lines
