@@ -8,7 +8,7 @@ import numpy as np
 
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.measured import Measured
-from clearance.diagnosis.missing_force import Seen, free_form
+from clearance.diagnosis.missing_force import free_form
 from clearance.diagnosis.screening import Hint, Screening, screen
 from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, Attempt, refine, release, tightened
 from clearance.diagnosis.suspicion import suspect
@@ -22,11 +22,18 @@ _HOPEFUL = 0.1  # of the best one's gain: less is not fitted
 _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
 _TRIALS = 3  # plausible shapes of an effect that are tried where no linear look can judge it
+_STUCK = 100.0  # misfit with unknown forces from which on not even they follow
+_DRIVEN = 30.0  # times as loose is the unknown torque then
 _AGAIN, _NEARLY = 3, 0.3  # times that a fit is repeated whose misfit fell to this share
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
 _PAIRS = 3  # pairs that are fitted
 _CURVES = 3  # forces of free form that are fitted
-_CONTACT = ("joint_lubrication", "restitution", "contact_stiffness", "worn_bearing")
+_ELSEWHERE = (
+    "soft_drive", "second_clearance", "joint_lubrication", "worn_bearing", "restitution", "contact_stiffness",
+    "rod_flexibility", "flexible_base", "guide_clearance",
+)  # fmt: skip
+"""Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
+
 _VISIBLE = 6.0  # standard deviations of a score beyond which a small effect is looked at
 _WORTH = 40.0  # by which the sum of squares must fall for it
 
@@ -39,15 +46,11 @@ class Explanation:
         nominal: the machine as it is, refitted.
         attempts: hypotheses that were fitted, best first.
         hints: of the first screening.
-        screening: the first one.
-        seen: unknown forces beside the best explanation, where that was not enough.
     """
 
     nominal: Attempt
     attempts: list[Attempt] = field(default_factory=list)
     hints: list[Hint] = field(default_factory=list)
-    screening: Screening | None = None
-    seen: Seen | None = None
 
     @property
     def best(self) -> Attempt:
@@ -105,6 +108,10 @@ class Search:
         values = np.array([[self.clearance, trace.speed] for trace in self.traces])
         followers = [trace.follower(LOOSENESS) for trace in self.traces]
         self.free = release((), model, followers, values, self.workers)
+        if self.free.misfit > _STUCK:  # a drive that is wrong altogether
+            followers = [trace.follower(LOOSENESS, _DRIVEN) for trace in self.traces]
+            other = release((), model, followers, values, self.workers)
+            self.free = min(self.free, other, key=lambda one: one.misfit)
         self.report(f"with unknown forces: misfit {self.free.misfit:.3g}")
         found = self.tighten((), self.free, self.free.fit.values)
         self.report(f"nominal: misfit {found.misfit:.3g}, clearance {found.fit.values[0, 0] * 1e3:.4f} mm")
@@ -134,7 +141,7 @@ class Search:
         self.report("looking at all hypotheses at once")
         found = screen(free, groups, self.setting.joint, self.traces[0].path.force, self.workers)
         if not explanation.hints:
-            explanation.hints, explanation.screening = found.singles, found
+            explanation.hints = found.singles
         for hint in found.singles[:5]:
             self.report(f"  {hint.label}: promises {hint.gain:.4g}")
         physics = [h for h in found.singles if h.hypotheses[0].kind == "physics"]
@@ -148,8 +155,13 @@ class Search:
         steps += [lambda h=h: self.follow(explanation, free, h) for h in likely]  # type: ignore[misc]
         steps += [lambda c=c: self.deafen(explanation, free, c) for c in channels[:_DEAF] if c not in first]  # type: ignore[misc]
         if not free.hypotheses:
-            steps += [lambda: self.begin_elsewhere(explanation, groups)]
-            steps += [lambda h=h: self.follow(explanation, free, h) for h in found.pairs[:_PAIRS]]  # type: ignore[misc]
+            pairs = [lambda h=h: self.follow(explanation, free, h) for h in found.pairs[:_PAIRS]]  # type: ignore[misc]
+            freely = [lambda: self.shape_freely(explanation, free, found)]
+            elsewhere = [lambda: self.begin_elsewhere(explanation, groups)]
+            if free.misfit > _STUCK:  # not even unknown forces follow
+                steps = [*elsewhere, *steps, *pairs, *freely]
+            else:
+                steps = [*steps, *pairs, *freely, *elsewhere]
         for step in steps:
             step()
             if explained(explanation.best):
@@ -201,7 +213,7 @@ class Search:
         return found
 
     def deafen(self, explanation: Explanation, free: Attempt, channel: str) -> None:
-        """Fit without a channel: where that explains everything, its sensor is at fault, and how is fitted."""
+        """Fit without a channel: where that explains everything, its sensor is at fault; how, is fitted."""
         deaf = [f.part(0, f.segments) for f in free.followers]
         for follower in deaf:
             follower.measured = follower.measured.without(channel)
@@ -254,27 +266,23 @@ class Search:
         """
         nominal = self.setting.with_clearance(self.clearance)
         tried: list[tuple[float, Hypothesis, np.ndarray]] = []
-        follower = self.traces[0].follower(LOOSENESS)
-        for group in groups:
-            if not (group[0].structural(nominal) or group[0].name in _CONTACT) or not _single(group[0]):
-                continue
+        enough = max(FOLLOWED, _FAR_BETTER * explanation.nominal.misfit)
+        for group in _judged_elsewhere(groups):
             for hypothesis in group[:_TRIALS]:
                 model = self.setting.model([hypothesis])
                 values = np.concatenate([[self.clearance], hypothesis.start, [self.traces[0].speed]])[None]
                 try:
                     machine = model.machine(values[0])
                     one = self.traces[0] if loose(machine) == loose(nominal) else self.retrace(0, machine)
-                    follower = one.follower(LOOSENESS)
-                    found = refine(
-                        [hypothesis], model, tightened([follower]), values, ANNEALING[0], 6, 1, False
-                    )
+                    own = tightened([one.follower(LOOSENESS)])
+                    found = refine([hypothesis], model, own, values, ANNEALING[0], 6, 1, False)
                 except (InputError, np.linalg.LinAlgError):
                     continue
                 self.report(f"  {hypothesis.label}: misfit {found.misfit:.3g} on the first recording")
                 tried.append((found.misfit, hypothesis, found.fit.values[0]))
-                if explained(found):
+                if found.misfit < enough:
                     break
-            if tried and tried[-1][0] < EXPLAINED:
+            if tried and tried[-1][0] < enough:
                 break
         tried.sort(key=lambda one: one[0])
         for misfit, hypothesis, row in tried[:2]:
@@ -301,13 +309,11 @@ class Search:
         """The path of a recording for a machine with other loose joints."""
         return Trace.of(self.recordings[r], self.alignments[r], machine)
 
-    def shape_freely(self, explanation: Explanation) -> None:
-        """Let a force of free form explain what no named effect does: the curves that promise most are fitted."""
-        base = explanation.best
-        free = self.release(base) if base.hypotheses else self.free
-        found = screen(free, [], self.setting.joint, self.traces[0].path.force, self.workers)
-        explanation.seen = found.seen
+    def shape_freely(self, explanation: Explanation, free: Attempt, found: Screening) -> None:
+        """Let a force of free form explain what no named effect does: the best curves are fitted."""
         for curve in found.curves[:_CURVES]:
+            if curve.gain < curve.price:
+                return
             self.report(f"  {curve.body} {curve.direction} by {curve.argument}: promises {curve.gain:.4g}")
             hypothesis = free_form(curve, self.setting.joint)
             self.follow(explanation, free, Hint((hypothesis,), hypothesis.start, curve.gain, 0.0))
@@ -380,8 +386,19 @@ def _same(one: Hypothesis, other: Hypothesis) -> bool:
 
 
 def _single(hypothesis: Hypothesis) -> bool:
-    """Whether it has one size beside shapes: the simplest variant of its effect."""
-    return int((~hypothesis.shapes).sum()) == 1
+    """Whether it has one size beside shapes: the simplest variant of its effect; a drive has two gains."""
+    return int((~hypothesis.shapes).sum()) == 1 or hypothesis.name == "soft_drive"
+
+
+def _judged_elsewhere(groups: Sequence[Sequence[Hypothesis]]) -> list[Sequence[Hypothesis]]:
+    """The simplest variants of the effects in ``_ELSEWHERE``, in that order."""
+    single = [g for g in groups if g[0].name in _ELSEWHERE and _single(g[0])]
+    fewest: dict[str, int] = {}
+    for group in single:
+        count = len(group[0].unknowns)
+        fewest[group[0].name] = min(count, fewest.get(group[0].name, count))
+    chosen = [g for g in single if len(g[0].unknowns) == fewest[g[0].name]]
+    return sorted(chosen, key=lambda g: _ELSEWHERE.index(g[0].name))
 
 
 def _ready(hypothesis: Hypothesis, i: int) -> float:

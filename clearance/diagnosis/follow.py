@@ -188,7 +188,7 @@ class Follower:
             machine: the model.
             columns: the model with one parameter changed each; ``None``: it is no parameter of the machine.
             instrument: faults of the instruments.
-            faults: for each column the instruments with the parameter changed; ``None``: no parameter of them.
+            faults: for each column the instruments with the parameter changed; ``None``: none of theirs.
             first: first segment.
             last: one beyond the last segment; all if ``None``.
             scale: factor on the noise, above 1 while far from a solution.
@@ -260,8 +260,8 @@ class Follower:
         )  # fmt: skip
         reach = np.concatenate([chart.reach, np.full(nw, np.inf)])
         return Pass(
-            chart, float(local.sum()), local, residual * scale, values[first:last], used, defect, contacts, predicted,
-            self.signals[first:last], system, reach,
+            chart, float(local.sum()), local, residual * scale, values[first:last], used, defect, contacts,
+            predicted, self.signals[first:last], system, reach,
         )  # fmt: skip
 
     def move(self, change: np.ndarray, chart: Chart, first: int = 0) -> None:

@@ -56,12 +56,10 @@ class Hypothesis:
     @property
     def label(self) -> str:
         """Name with what distinguishes its variants."""
+        if self.effect is None:
+            return f"{self.name}({self.body} {self.direction})"
         parts = [self.channel] if self.channel else []
-        return (
-            f"{self.name}({', '.join([*parts, *(u.name for u in self.unknowns)])})"
-            if self.effect
-            else self.name
-        )
+        return f"{self.name}({', '.join([*parts, *(u.name for u in self.unknowns)])})"
 
     @property
     def shapes(self) -> np.ndarray:

@@ -93,7 +93,7 @@ def patterns(
     """
     found = []
     for one, sigma in zip(passes, sigmas, strict=True):
-        flow = one.system[0][EDGE:-EDGE]
+        flow = np.nan_to_num(one.system[0][EDGE:-EDGE], nan=0.0, posinf=0.0, neginf=0.0)
         nz = flow.shape[1]
         own = flow[:, :, nz : nz + len(INPUTS)]
         found.append(

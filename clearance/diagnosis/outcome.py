@@ -109,9 +109,6 @@ def diagnose(
         if explained(explanation.best) or penalised(explanation.best) > 0.7 * before:
             break
         free = search.release(explanation.best)
-    if not explained(explanation.best):
-        search.shape_freely(explanation)
-        keep(explanation)
     search.prune(explanation)
     withdraw(explanation)
     search.report("judging on held-out recordings")
@@ -167,7 +164,8 @@ def diagnose(
         "overlays": _overlays(before_attempt, after),
         "checks": _checks(errors_after),
         "clearance_profile": {
-            "clearance_m": search.profile.clearance.tolist(), "misfit": search.profile.misfit.round(4).tolist(),
+            "clearance_m": search.profile.clearance.tolist(),
+            "misfit": search.profile.misfit.round(4).tolist(),
         },
         "missing_force": _missing_force(search),
         "signatures": _signatures(held_out, before_attempt, after, nominal, best),
@@ -291,12 +289,13 @@ _BODIES = (("crank", "torque", "N m"), ("rod", "moment", "N m"), ("slider", "x",
 
 
 def _missing_force(search: Search) -> list[dict[str, Any]]:
-    """Unknown forces beside the nominal model: what it lacks, over time, with 95 % bands from their scatter."""
+    """Unknown forces beside the nominal model: what it lacks, over time, with 95 % bands."""
     found = []
     for trace, follower, one in zip(
         search.traces, search.free.followers, search.free.fit.passes, strict=True
     ):
         middle = one.signals[:, one.signals.shape[1] // 2]
+        angle = np.degrees(middle[:, Signal.CRANK_ANGLE] % (2.0 * np.pi))
         inputs = follower.path.inputs
         scatter = 1.4826 / np.sqrt(2.0) * np.median(np.abs(np.diff(inputs, axis=0)), axis=0)
         for i, (body, direction, unit) in enumerate(_BODIES):
@@ -307,7 +306,7 @@ def _missing_force(search: Search) -> list[dict[str, Any]]:
                     "time_s": (follower.measured.segment * np.arange(len(value))).round(6).tolist(),
                     "value": value.round(5).tolist(), "low": (value - half).round(5).tolist(),
                     "high": (value + half).round(5).tolist(),
-                    "crank_angle_deg": np.degrees(middle[:, Signal.CRANK_ANGLE] % (2 * np.pi)).round(2).tolist(),
+                    "crank_angle_deg": angle.round(2).tolist(),
                     "slider_position_m": middle[:, Signal.SLIDER_POSITION].round(6).tolist(),
                     "slider_velocity_m_s": middle[:, Signal.SLIDER_VELOCITY].round(5).tolist(),
                 }

@@ -171,7 +171,7 @@ def _noise(values: np.ndarray, measured: Measured, p: np.ndarray) -> np.ndarray:
 
 
 def _drive(p: np.ndarray, state: np.ndarray, period: float) -> tuple[np.ndarray, float]:
-    """(samples,) integral of the drive's speed error [rad] that agrees best with the torque, and its speed."""
+    """(samples,) integral of the drive's speed error [rad] that suits the torque best, and its speed."""
     proportional, integral = p[Parameter.DRIVE_PROPORTIONAL], p[Parameter.DRIVE_INTEGRAL_GAIN]
     if proportional <= 0.0:
         return np.zeros(len(state)), float(state[:, CRANK_SPEED].mean())

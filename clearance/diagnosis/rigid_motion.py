@@ -16,7 +16,7 @@ from clearance.simulation.layout import Signal
 
 _H = 2e-5  # s, of the differences
 CRANK_ANGLE, CRANK_SPEED, TORQUE, GRAVITY_X, GRAVITY_Y, FIRST_JOINT = range(6)
-"""Columns of a motion's state; then, for each loose joint, eccentricity x, its rate, eccentricity y, its rate."""
+"""Columns of a motion's state; then, for each loose joint, eccentricity x and its rate, y and its rate."""
 
 
 @dataclass(frozen=True)

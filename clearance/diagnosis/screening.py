@@ -1,8 +1,8 @@
 """Which hypotheses point where the misfit points: one linear look at all of them.
 
-While unknown forces keep the simulator on the recording, the path is right whatever the model lacks, and what
-it lacks is spread over those forces and the residuals. A hypothesis that explains them lowers the cost by what
-one Gauss-Newton step in its parameters promises. The states are eliminated once for all hypotheses together
+While unknown forces keep the simulator on the recording, the path is right whatever the model lacks, and
+what it lacks is spread over those forces and the residuals. A hypothesis that explains them lowers the cost
+by what one Gauss-Newton step in its parameters promises. The states are eliminated once for all hypotheses together
 (score tests; Rao 1948, Math. Proc. Camb. Phil. Soc. 44(1), 50-57), so hundreds cost little more than one, and
 two at a time are a matter of small matrices.
 """
@@ -139,9 +139,11 @@ def screen(
         shared, total = model.shared, count + len(columns)
         keep = [*range(shared), *range(count, total), len(one.gram) - 1]
         own = list(range(shared, count))
-        lift = np.linalg.lstsq(one.gram[np.ix_(own, own)], one.gram[np.ix_(own, keep)], rcond=None)[0]
-        gram = one.gram[np.ix_(keep, keep)] - one.gram[np.ix_(keep, own)] @ lift
-        parts = one.parts[:, keep[:-1]] - one.parts[:, own] @ lift[:, :-1]
+        whole = np.nan_to_num(one.gram, nan=0.0, posinf=0.0, neginf=0.0)
+        lift = np.linalg.lstsq(whole[np.ix_(own, own)], whole[np.ix_(own, keep)], rcond=None)[0]
+        gram = whole[np.ix_(keep, keep)] - whole[np.ix_(keep, own)] @ lift
+        scores = np.nan_to_num(one.parts, nan=0.0, posinf=0.0, neginf=0.0)
+        parts = scores[:, keep[:-1]] - scores[:, own] @ lift[:, :-1]
         return columns, gram, parts, one
 
     with ThreadPoolExecutor(workers) as pool:

@@ -136,10 +136,15 @@ class Trace:
         """That the drive seems to be asked for [rpm]."""
         return self.path.speed * 30.0 / np.pi
 
-    def follower(self, looseness: float) -> Follower:
-        """A follower on the path, with unknown forces of a share of the joint's typical force."""
+    def follower(self, looseness: float, drive: float = 1.0) -> Follower:
+        """A follower on the path, with unknown forces of a share of the joint's typical force.
+
+        Args:
+            looseness: that share.
+            drive: factor on the unknown torque.
+        """
         first, last = _SKIPPED, _SKIPPED + self.length
-        forces = looseness * self.path.force * np.array([*self.arms, 1.0])
+        forces = looseness * self.path.force * np.array([drive * self.arms[0], self.arms[1], 1.0])
         follower = Follower(self.measured.part(first, last), INTEGRATOR, forces)
         follower.path.nodes[:] = self.path.nodes[first:last]
         follower.path.nodes[:, State.TIME] = self.measured.segment * np.arange(last - first)

@@ -152,8 +152,8 @@ def sentences(
         argument = str(getattr(law, "argument", ""))
         lines.append(
             f"Something is missing that has no name here: a {_PUSHES.get(curve.direction, 'force')} on the "
-            f"{curve.body.replace('_', ' ')} ({curve.direction}) that depends on {argument.replace('_', ' ')} "
-            "explains the recordings; its table is in corrected.yaml."
+            f"{curve.body.replace('_', ' ')} ({curve.direction}) that depends on "
+            f"{argument.replace('_', ' ')} explains the recordings; its table is in corrected.yaml."
         )
     for hypothesis in best.hypotheses:
         count = len(hypothesis.unknowns)

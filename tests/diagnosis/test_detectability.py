@@ -28,7 +28,7 @@ from clearance.recording.channels import ACCELERATIONS, SensorSet
 
 CLEARANCE, RPM = 3e-4, 700.0
 MACHINE = SliderCrank(joint_c=Joint(CLEARANCE))
-SETTING = Setting(MACHINE, "C", ())
+SETTING = Setting(MACHINE, "C")
 ALL = SensorSet("all", ACCELERATIONS)
 ROD = SensorSet("rod", ACCELERATIONS[4:8])
 
@@ -92,7 +92,7 @@ def test_a_sensors_fault_of_that_size_is_estimated_three_errors_away_from_off(na
     channel = ACCELERATIONS.index("slider_horizontal")
     truth = _on_its_path(machine, 0.01)
     steps = np.array([*(model.step(values, i) for i in range(2)), *[1.0] * len(ACCELERATIONS)])
-    clean = _with_faults(truth.look(machine, model.columns(values)), truth.measured, [fault]).solve()
+    clean = _with_faults(truth.look(machine, model.columns(values)[0]), truth.measured, [fault]).solve()
     error = _standard_errors(clean.gram, steps, model)[channel]
     scores = []
     for seed in range(6):
@@ -105,7 +105,7 @@ def test_a_sensors_fault_of_that_size_is_estimated_three_errors_away_from_off(na
         noisy = replace(measured, values=(flat + noise).reshape(measured.values.shape))
         follower = Follower(noisy, truth.integrator, truth.input_sigma.copy())
         follower.path = truth.path.copy()
-        one = _with_faults(follower.look(machine, model.columns(values)), truth.measured, [fault]).solve()
+        one = _with_faults(follower.look(machine, model.columns(values)[0]), truth.measured, [fault]).solve()
         own = [0, 1, 2 + channel]
         gram = one.gram / np.outer(np.append(steps, 1.0), np.append(steps, 1.0))
         scores.append(np.linalg.solve(gram[np.ix_(own, own)], gram[own, -1])[-1] / error)

@@ -134,7 +134,7 @@ def test_without_noise_prediction_and_recording_agree(part):
 def test_a_pass_is_the_linearisation_of_the_prediction():
     one = follower()
     machine = MODEL.machine(TRUTH[0])
-    before = one.look(machine, MODEL.columns(TRUTH[0]))
+    before = one.look(machine, MODEL.columns(TRUTH[0])[0])
     flow, _, _, own, _, _, jacobian, sensitivity, _ = before.system
     nz = len(before.chart.rows)
     rng = np.random.default_rng(2)

@@ -1,0 +1,140 @@
+"""The path from accelerations alone: against the simulator's own states, with and without missing physics."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.measured import SAMPLES, Measured
+from clearance.diagnosis.reconstruction import reconstruct
+from clearance.diagnosis.rigid_motion import feel
+from clearance.diagnosis.trace import Alignment, profile
+from clearance.mechanism.drive import SpeedControl
+from clearance.mechanism.guide import StribeckGuide
+from clearance.mechanism.joint import Joint
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.recording.chain import MeasurementChain
+from clearance.recording.recording import Recording
+from clearance.simulation.integrator import Integrator
+from clearance.simulation.layout import Result, Signal, State
+from clearance.simulation.trajectory import simulate_trajectory
+
+CHAIN = MeasurementChain()
+SENSORS = (
+    Signal.CRANK_B_TRANSVERSE, Signal.CRANK_B_AXIAL, Signal.ROD_B_TRANSVERSE, Signal.ROD_B_AXIAL,
+    Signal.ROD_C_TRANSVERSE, Signal.ROD_C_AXIAL, Signal.SLIDER_HORIZONTAL,
+)  # fmt: skip
+RPM, SETTLED, SECONDS = 700.0, 0.3, 0.2
+
+
+def machine(joint, clearance, **laws):
+    made = SliderCrank(drive=SpeedControl(RPM, ramp=0.05), **laws)
+    return replace(made, **{f"joint_{joint.lower()}": Joint(clearance)})
+
+
+@cache
+def run(made):
+    return simulate_trajectory(made, Integrator("runge_kutta_4", 5e-6, 5), SETTLED + SECONDS + 0.02, 2)
+
+
+def recorded(made, noise=0.01):
+    """A noisy recording, and the states at its samples."""
+    found = run(made)
+    first = round(SETTLED * CHAIN.base_rate)
+    values = CHAIN.smooth(found.signals[:, list(SENSORS)])[first :: CHAIN.decimation]
+    values = values[: round(SECONDS * CHAIN.rate)]
+    generator = np.random.default_rng(1)
+    values = values + noise * values.std(axis=0) * generator.normal(size=values.shape)
+    names = tuple(s.name.lower() for s in SENSORS)
+    measured = Measured.of(Recording(values, names, CHAIN.rate), CHAIN, "one")
+    states = found.states[first :: CHAIN.decimation][: len(values)]
+    return measured, states
+
+
+def aligned(states):
+    time = np.arange(len(states)) / CHAIN.rate
+    speed, angle = np.polyfit(time, states[:, State.CRANK_ANGLE], 1)
+    return Alignment(float(speed), float(angle), 1.0)
+
+
+def eccentricities(made, states, joint):
+    """(samples, 2) journal minus bearing [m]."""
+    length = made.rod.length / 2.0
+    along = np.stack([np.cos(states[:, State.ROD_ANGLE]), np.sin(states[:, State.ROD_ANGLE])], axis=1)
+    rod = states[:, [State.ROD_X, State.ROD_Y]]
+    if joint == "C":
+        return rod + length * along - states[:, [State.SLIDER_X, State.SLIDER_Y]]
+    angle = states[:, State.CRANK_ANGLE]
+    crank = made.crank.length * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return crank - rod + length * along
+
+
+def in_nodes(nodes, joint, clearance):
+    rows = [State.ROD_X, State.ROD_Y] if joint == "B" else [State.SLIDER_X, State.ROD_ANGLE]
+    return nodes[:, rows] * clearance
+
+
+@pytest.mark.parametrize("joint", ["B", "C"])
+def test_signals_and_forces_of_a_motion_are_the_simulators(joint):
+    made = machine(joint, 3e-4)
+    found = run(made)
+    part = slice(round(0.35 * CHAIN.base_rate), round(0.4 * CHAIN.base_rate))
+    states, results = found.states[part], found.results[part]
+    place = eccentricities(made, states, joint)
+    near = found.states[part.start - 1 : part.stop + 1]
+    around = eccentricities(made, near, joint)
+    quiet = np.flatnonzero(
+        np.abs(np.diff(results[:, Result.SLIDER_X], prepend=results[0, Result.SLIDER_X])) < 0.5
+    )
+    quiet = quiet[(quiet > 2) & (quiet < len(states) - 2)]
+    rate = (around[2:] - around[:-2]) * CHAIN.base_rate / 2.0
+    bend = (around[2:] - 2.0 * place + around[:-2]) * CHAIN.base_rate**2
+    torque = results[:, Result.DRIVE_TORQUE]
+    zero = np.zeros(len(states))
+    state = np.stack(
+        [
+            states[:, State.CRANK_ANGLE], states[:, State.CRANK_SPEED], torque, zero, zero, place[:, 0],
+            rate[:, 0], place[:, 1], rate[:, 1],
+        ], axis=1,
+    )  # fmt: skip
+    inputs = np.column_stack([results[:, Result.CRANK], bend])
+    felt = feel(made.parameters(), (joint,), SENSORS, state[quiet], inputs[quiet])
+    signals = found.signals[part][quiet][:, list(SENSORS)]
+    assert np.median(np.abs(felt.signals - signals), axis=0).max() < 1e-2 * signals.std()
+    force = results[quiet][:, [Result.FORCE_C_X, Result.FORCE_C_Y]]
+    assert np.median(np.abs(felt.force_c - force)) < 1e-2 * np.abs(force).max()
+    assert np.median(np.abs(felt.imbalance)) < 1e-2 * np.abs(torque).max() + 1e-3
+
+
+@pytest.mark.parametrize(("joint", "clearance"), [("C", 1e-4), ("C", 5e-4), ("B", 3e-4)])
+def test_the_path_is_the_simulators_own(joint, clearance):
+    made = machine(joint, clearance)
+    measured, states = recorded(made)
+    known = aligned(states)
+    found = reconstruct(measured, made.parameters(), (joint,), known.speed, known.angle)
+    truth = eccentricities(made, states, joint)[::SAMPLES]
+    miss = np.hypot(*(in_nodes(found.nodes, joint, clearance) - truth).T) / clearance
+    assert np.median(miss[5:-5]) < 0.05
+    assert found.speed == pytest.approx(RPM * np.pi / 30.0, rel=1e-3)
+
+
+def test_missing_friction_does_not_spoil_the_path():
+    made = machine("C", 3e-4, guide_friction=StribeckGuide(coulomb_force=5.0))
+    measured, states = recorded(made)
+    known = aligned(states)
+    nominal = machine("C", 3e-4)
+    found = reconstruct(measured, nominal.parameters(), ("C",), known.speed, known.angle)
+    truth = eccentricities(made, states, "C")[::SAMPLES]
+    miss = np.hypot(*(in_nodes(found.nodes, "C", 3e-4) - truth).T) / 3e-4
+    assert np.median(miss[5:-5]) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("clearance", "laws"),
+    [(1e-4, {}), (5e-4, {}), (3e-4, {"guide_friction": StribeckGuide(coulomb_force=5.0)})],
+)
+def test_the_motion_agrees_best_with_the_true_clearance(clearance, laws):
+    measured, states = recorded(machine("C", clearance, **laws))
+    found = profile([measured], [aligned(states)], lambda c: machine("C", c), 2)
+    assert found.best == pytest.approx(clearance, rel=0.1)
