@@ -12,7 +12,7 @@ from clearance.diagnosis.missing_force import free_form
 from clearance.diagnosis.screening import Hint, Screening, screen
 from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, Attempt, refine, release, tightened
 from clearance.diagnosis.suspicion import suspect
-from clearance.diagnosis.trace import Trace, aligned, loose, profile
+from clearance.diagnosis.trace import Trace, aligned, profile
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
@@ -155,7 +155,7 @@ class Search:
         steps += [lambda h=h: self.follow(explanation, free, h) for h in likely]  # type: ignore[misc]
         steps += [lambda c=c: self.deafen(explanation, free, c) for c in channels[:_DEAF] if c not in first]  # type: ignore[misc]
         if not free.hypotheses:
-            pairs = [lambda h=h: self.follow(explanation, free, h) for h in found.pairs[:_PAIRS]]  # type: ignore[misc]
+            pairs = [lambda h=h: self.follow(explanation, free, h) for h in found.pairs[:_PAIRS]]
             freely = [lambda: self.shape_freely(explanation, free, found)]
             elsewhere = [lambda: self.begin_elsewhere(explanation, groups)]
             if free.misfit > _STUCK:  # not even unknown forces follow
@@ -264,7 +264,6 @@ class Search:
         No linear look at a path without them can judge them. They are tried on the first recording alone; the
         best are fitted to all.
         """
-        nominal = self.setting.with_clearance(self.clearance)
         tried: list[tuple[float, Hypothesis, np.ndarray]] = []
         enough = max(FOLLOWED, _FAR_BETTER * explanation.nominal.misfit)
         for group in _judged_elsewhere(groups):
@@ -273,7 +272,7 @@ class Search:
                 values = np.concatenate([[self.clearance], hypothesis.start, [self.traces[0].speed]])[None]
                 try:
                     machine = model.machine(values[0])
-                    one = self.traces[0] if loose(machine) == loose(nominal) else self.retrace(0, machine)
+                    one = self.retrace(0, machine)
                     own = tightened([one.follower(LOOSENESS)])
                     found = refine([hypothesis], model, own, values, ANNEALING[0], 6, 1, False)
                 except (InputError, np.linalg.LinAlgError):
@@ -291,10 +290,7 @@ class Search:
             model = self.setting.model([hypothesis])
             values = np.array([[*row[:-1], trace.speed] for trace in self.traces])
             machine = model.machine(values[0])
-            traces = [
-                trace if loose(machine) == loose(nominal) else self.retrace(r, machine)
-                for r, trace in enumerate(self.traces)
-            ]
+            traces = [self.retrace(r, machine) for r in range(len(self.traces))]
             followers = [trace.follower(LOOSENESS) for trace in traces]
             self.keep(
                 explanation, [hypothesis],
@@ -306,7 +302,7 @@ class Search:
                 return
 
     def retrace(self, r: int, machine: SliderCrank) -> Trace:
-        """The path of a recording for a machine with other loose joints."""
+        """The path of a recording for another machine."""
         return Trace.of(self.recordings[r], self.alignments[r], machine)
 
     def shape_freely(self, explanation: Explanation, free: Attempt, found: Screening) -> None:

@@ -2,7 +2,7 @@
 
 While unknown forces keep the simulator on the recording, the path is right whatever the model lacks, and
 what it lacks is spread over those forces and the residuals. A hypothesis that explains them lowers the cost
-by what one Gauss-Newton step in its parameters promises. The states are eliminated once for all hypotheses together
+by what one Gauss-Newton step in its parameters promises. The states are eliminated once for all together
 (score tests; Rao 1948, Math. Proc. Camb. Phil. Soc. 44(1), 50-57), so hundreds cost little more than one, and
 two at a time are a matter of small matrices.
 """
