@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
-from clearance.diagnosis.measured import Measured
+from clearance.diagnosis.instrument import Instrument
+from clearance.diagnosis.measured import NO_FAULT, Measured
 from clearance.diagnosis.missing_force import free_form
 from clearance.diagnosis.screening import Hint, Screening, screen
 from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, Attempt, refine, release, tightened
@@ -128,8 +129,12 @@ class Search:
 
     def release(self, base: Attempt) -> Attempt:
         """Let unknown forces in beside an attempt's hypotheses, from the path that was followed with them."""
-        followers = [trace.follower(LOOSENESS) for trace in self.traces]
-        return release(base.hypotheses, base.model, followers, base.fit.values, self.workers)
+        rows = base.fit.values
+        traces = [
+            self.retrace(r, base.model.machine(row), base.model.instrument(row)) for r, row in enumerate(rows)
+        ]
+        followers = [trace.follower(LOOSENESS) for trace in traces]
+        return release(base.hypotheses, base.model, followers, rows, self.workers)
 
     def widen(self, explanation: Explanation, free: Attempt) -> None:
         """Fit what points where the misfit points beside ``free``, until something explains the recordings.
@@ -146,7 +151,7 @@ class Search:
             self.report(f"  {hint.label}: promises {hint.gain:.4g}")
         physics = [h for h in found.singles if h.hypotheses[0].kind == "physics"]
         sensors = [h for h in found.singles if h.hypotheses[0].channel is not None]
-        likely = [h for h in physics[:_FITTED] if h.gain > _HOPEFUL * physics[0].gain]
+        likely = [h for h in physics[:_FITTED] if h.gain > max(_HOPEFUL * physics[0].gain, 0.0)]
         likely += [h for h in found.forces[:1] if all(h.label != one.label for one in likely)]
         channels = list(dict.fromkeys(str(h.hypotheses[0].channel) for h in sensors))
         first = channels[:_DEAF] if sensors and physics and sensors[0].gain > physics[0].gain else []
@@ -192,9 +197,14 @@ class Search:
             self.report(f"{label}: {error}")
             return None
         reference = explanation.nominal.misfit
-        for _ in range(_AGAIN):  # what is nearly right is worth another look
+        for look in range(_AGAIN):  # what is nearly right is worth another look, from a path of its own
             if explained(found) or found.misfit > _NEARLY * reference:
                 break
+            if look == 0:
+                free = self.release(found)
+                other = self.tighten(found.hypotheses, free, free.fit.values)
+                found = min(found, other, key=lambda one: one.misfit)
+                continue
             again = refine(
                 found.hypotheses,
                 found.model,
@@ -301,9 +311,9 @@ class Search:
             if explained(explanation.best):
                 return
 
-    def retrace(self, r: int, machine: SliderCrank) -> Trace:
-        """The path of a recording for another machine."""
-        return Trace.of(self.recordings[r], self.alignments[r], machine)
+    def retrace(self, r: int, machine: SliderCrank, instrument: Instrument = NO_FAULT) -> Trace:
+        """The path of a recording for another machine, or with faults of its sensors undone."""
+        return Trace.of(self.recordings[r], self.alignments[r], machine, instrument)
 
     def shape_freely(self, explanation: Explanation, free: Attempt, found: Screening) -> None:
         """Let a force of free form explain what no named effect does: the best curves are fitted."""

@@ -198,9 +198,10 @@ def _held_out(held_out: Sequence[Measured], search: Search, attempt: Attempt) ->
     speeds = [abs(known.speed) for known in search.alignments]
     near = (0.5 * min(speeds), 2.0 * max(speeds))
     machine = model.machine(attempt.fit.values[0])
+    instrument = model.instrument(attempt.fit.values[0])
 
     def one(measured: Measured) -> Trace:
-        return Trace.of(measured, aligned(measured, machine, near), machine)
+        return Trace.of(measured, aligned(measured, machine, near), machine, instrument)
 
     with ThreadPoolExecutor(search.workers) as pool:
         traces = list(pool.map(one, held_out))

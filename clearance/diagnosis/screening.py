@@ -226,6 +226,8 @@ def _rank(
     columns: Sequence[_Column], gram: np.ndarray, parts: np.ndarray, held: int
 ) -> tuple[list[Hint], list[Hint]]:
     """Gains of single columns and pairs, with the first ``held`` unknowns free."""
+    if not columns:
+        return [], []
     base, rest = list(range(held)), list(range(held, len(gram) - 1))
     unit = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     scaled = gram * np.outer(unit, unit)

@@ -2,15 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from clearance.diagnosis.alignment import align
 from clearance.diagnosis.follow import Follower
-from clearance.diagnosis.measured import SAMPLES, Measured
+from clearance.diagnosis.instrument import Instrument
+from clearance.diagnosis.measured import NO_FAULT, SAMPLES, Measured
 from clearance.diagnosis.reconstruction import Reconstruction, reconstruct
 from clearance.diagnosis.search import INTEGRATOR
+from clearance.errors import InputError
 from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.layout import State
@@ -114,10 +116,25 @@ class Trace:
     arms: tuple[float, float]
 
     @staticmethod
-    def of(measured: Measured, alignment: Alignment, machine: SliderCrank) -> "Trace":
-        """Reconstruct the whole recording with a machine's clearances and masses."""
+    def of(
+        measured: Measured, alignment: Alignment, machine: SliderCrank, instrument: Instrument = NO_FAULT
+    ) -> "Trace":
+        """Reconstruct the whole recording with a machine's clearances and masses, faults of sensors undone.
+
+        Raises:
+            InputError: too short a recording.
+        """
+        needed = _SHORTEST + 2 * _SKIPPED
+        if len(measured.values) < needed:
+            raise InputError(
+                f"{measured.name}: {measured.seconds:.2f} s are too short to follow; give "
+                f"{3 * needed * measured.segment:.1f} s or more, of which a third is held out, or name "
+                "held_out recordings"
+            )
         p = machine.parameters()
-        path = reconstruct(measured, p, loose(machine), alignment.speed, alignment.angle)
+        values, sigma, _ = measured.restored(instrument)
+        right = replace(measured, values=values, sigma=sigma)
+        path = reconstruct(right, p, loose(machine), alignment.speed, alignment.angle)
         arms = (
             _DRIVE * float(p[Parameter.CRANK_LENGTH]),
             0.5 * float(p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]),

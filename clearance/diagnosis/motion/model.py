@@ -8,10 +8,10 @@ from math import isfinite, log
 import numpy as np
 
 from clearance.diagnosis.effect import Effect
+from clearance.diagnosis.hypothesis import settled
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.motion.prediction import Guess
 from clearance.diagnosis.motion.track import Track
-from clearance.diagnosis.start import quick
 from clearance.errors import InputError
 from clearance.mechanism.description import read_path, with_values
 from clearance.mechanism.drive import Drive, Free
@@ -368,7 +368,7 @@ class Model:
             machine, instrument = self.apply(shared)
             drive = machine.drive
             assert isinstance(drive, Drive)
-            machine = replace(machine, drive=quick(drive.at_speed(float(own[3]))))
+            machine = replace(machine, drive=settled(drive.at_speed(float(own[3]))))
         except InputError:
             return None
         if self.with_zero:
