@@ -106,7 +106,7 @@ def recordings(tmp_path_factory):
     [
         (("joint=both",), "joint=B or joint=C"),
         (("hypotheses=[gide_friction]",), "guide_friction"),
-        (("hypotheses=instrument",), "change hypotheses or without"),
+        (("hypotheses=[gravity]", "without=[gravity]"), "change hypotheses or without"),
         (("recordings=[nowhere.parquet]",), "nowhere.parquet"),
         (("recordings=a.parquet", "speed_range=[3000,150]"), "speed_range = [3000, 150]"),
         (("recordings=a.parquet", "speed_range=[abc,150]"), "speed_range = ['abc', 150]"),
