@@ -217,6 +217,9 @@ class Search:
             if again.misfit > 0.9 * found.misfit:
                 break
             found = again
+        if not np.isfinite(found.fit.information).all():
+            self.report(f"{label}: does not run along the whole path")
+            return None
         explanation.attempts.append(found)
         shown = ", ".join(f"{v:.5g}" for v in found.fit.values[0, 1 : found.model.shared])
         self.report(f"{found.label}: misfit {found.misfit:.3g} at {shown}")

@@ -36,7 +36,8 @@ def deviations(fit: Fit) -> np.ndarray:
     model = fit.model
     shared, count = model.shared, len(model.unknowns)
     own = count - shared
-    inverse = np.linalg.pinv(fit.information)
+    # a segment that does not run leaves nothing known
+    inverse = np.linalg.pinv(np.nan_to_num(fit.information, nan=0.0, posinf=0.0, neginf=0.0))
     total = len(fit.information)
     middle = np.zeros((total, total))
     for r, one in enumerate(fit.passes):
