@@ -167,7 +167,7 @@ def diagnose(
             "clearance_m": search.profile.clearance.tolist(),
             "misfit": search.profile.misfit.round(4).tolist(),
         },
-        "missing_force": _missing_force(search),
+        "missing_force": sorted(_missing_force(search), key=lambda one: one["body"] != body),
         "signatures": _signatures(held_out, before_attempt, after, nominal, best),
         "detectability": nominal_map(
             joint, numbers[0].value, float(best.fit.values[0, -1]), recordings[0].channels
