@@ -164,7 +164,7 @@ class Search:
             freely = [lambda: self.shape_freely(explanation, free, found)]
             elsewhere = [lambda: self.begin_elsewhere(explanation, groups)]
             if free.misfit > _STUCK:  # not even unknown forces follow
-                steps = [*elsewhere, *steps, *pairs, *freely]
+                steps = [*steps[:1], *elsewhere, *steps[1:], *pairs, *freely]
             else:
                 steps = [*steps, *pairs, *freely, *elsewhere]
         for step in steps:
@@ -336,8 +336,6 @@ class Search:
             shorter = []
             for left_out in range(len(best.hypotheses)):
                 held = [h for i, h in enumerate(best.hypotheses) if i != left_out]
-                if any(h.structural(self.setting.with_clearance(3e-4)) for h in best.hypotheses):
-                    continue
                 model = self.setting.model(held)
                 keep = [0]
                 place = 1
@@ -346,6 +344,12 @@ class Search:
                     keep += [] if i == left_out else range(place, place + count)
                     place += count
                 values = best.fit.values[:, [*keep, place]]
+                if best.hypotheses[left_out].structural(self.setting.with_clearance(3e-4)):
+                    # a path with other coordinates is no beginning
+                    followers = [trace.follower(LOOSENESS) for trace in self.traces]
+                    free = release(held, model, followers, values, self.workers)
+                    shorter.append(self.tighten(held, free, free.fit.values))
+                    continue
                 shorter.append(refine(held, model, best.followers, values, ANNEALING[2], 8, self.workers))
             explanation.attempts += shorter
             for one in shorter:
