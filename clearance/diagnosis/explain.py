@@ -11,7 +11,7 @@ from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT, Measured
 from clearance.diagnosis.missing_force import free_form
 from clearance.diagnosis.screening import Hint, Screening, screen
-from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, Attempt, refine, release, tightened
+from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, Attempt, refine, release
 from clearance.diagnosis.suspicion import suspect
 from clearance.diagnosis.trace import Trace, aligned, profile
 from clearance.errors import InputError
@@ -34,9 +34,6 @@ _ELSEWHERE = (
     "rod_flexibility", "flexible_base", "guide_clearance",
 )  # fmt: skip
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
-
-_VISIBLE = 6.0  # standard deviations of a score beyond which a small effect is looked at
-_WORTH = 40.0  # by which the sum of squares must fall for it
 
 
 @dataclass
@@ -118,17 +115,13 @@ class Search:
         self.report(f"nominal: misfit {found.misfit:.3g}, clearance {found.fit.values[0, 0] * 1e3:.4f} mm")
         return Explanation(found)
 
-    def tighten(
-        self, hypotheses: Sequence[Hypothesis], base: Attempt, values: np.ndarray, patient: bool = True
-    ) -> Attempt:
+    def tighten(self, hypotheses: Sequence[Hypothesis], base: Attempt, values: np.ndarray) -> Attempt:
         """Fit a model without unknown forces, from a path that was found with them."""
         model = self.setting.model(hypotheses)
-        return refine(
-            hypotheses, model, tightened(base.followers), values, ANNEALING[1], 8, self.workers, patient
-        )
+        return refine(hypotheses, model, base.followers, values, ANNEALING[1], 8, self.workers)
 
     def release(self, base: Attempt) -> Attempt:
-        """Let unknown forces in beside an attempt's hypotheses, from the path that was followed with them."""
+        """Let unknown forces in beside an attempt's hypotheses, on a path of its own."""
         rows = base.fit.values
         traces = [
             self.retrace(r, base.model.machine(row), base.model.instrument(row)) for r, row in enumerate(rows)
@@ -139,8 +132,9 @@ class Search:
     def widen(self, explanation: Explanation, free: Attempt) -> None:
         """Fit what points where the misfit points beside ``free``, until something explains the recordings.
 
-        In order of promise and price: single effects, deaf channels (whose sensors may be at fault), effects
-        that no linear look can judge, pairs of effects.
+        In order of promise and price: single effects, deaf channels (whose sensors may be at fault), pairs of
+        effects, forces of free form, effects that no linear look can judge. Where not even unknown forces
+        follow, these come right after the likeliest.
         """
         groups = [g for g in self.groups.values() if all(not _same(g[0], h) for h in free.hypotheses)]
         self.report("looking at all hypotheses at once")
@@ -232,7 +226,7 @@ class Search:
             follower.measured = follower.measured.without(channel)
         try:
             found = refine(
-                free.hypotheses, free.model, tightened(deaf), free.fit.values, ANNEALING[1], 8, self.workers,
+                free.hypotheses, free.model, deaf, free.fit.values, ANNEALING[1], 8, self.workers,
                 False,
             )  # fmt: skip
         except (InputError, np.linalg.LinAlgError):
@@ -286,7 +280,7 @@ class Search:
                 try:
                     machine = model.machine(values[0])
                     one = self.retrace(0, machine)
-                    own = tightened([one.follower(LOOSENESS)])
+                    own = [one.follower(LOOSENESS)]
                     found = refine([hypothesis], model, own, values, ANNEALING[0], 6, 1, False)
                 except (InputError, np.linalg.LinAlgError):
                     continue
@@ -308,7 +302,7 @@ class Search:
             self.keep(
                 explanation, [hypothesis],
                 lambda h=hypothesis, m=model, f=followers, v=values: refine(  # type: ignore[misc]
-                    [h], m, tightened(f), v, ANNEALING[0], 8, self.workers
+                    [h], m, f, v, ANNEALING[0], 8, self.workers
                 ),
             )  # fmt: skip
             if explained(explanation.best):

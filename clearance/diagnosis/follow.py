@@ -21,7 +21,7 @@ from clearance.mechanism.parameters import JOINT_STRIDE, Family, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.batch import aligned
 from clearance.simulation.integrator import Integrator
-from clearance.simulation.layout import SIGNALS, STATES, State
+from clearance.simulation.layout import SIGNALS, STATES
 from clearance.simulation.shooting import WORK_ROWS, shoot
 
 OUTLIER = 4.0  # standard deviations beyond which a row loses weight (Huber)
@@ -270,15 +270,6 @@ class Follower:
         part = slice(first, first + len(change))
         self.path.nodes[part] = chart.moved(self.path.nodes[part], change[:, :nz])
         self.path.inputs[part] += change[:, nz:] * self.input_sigma
-
-    def extend(self, machine: SliderCrank, start: int, count: int) -> None:
-        """Predict ``count`` nodes after ``start`` by running the machine on."""
-        for k in range(start, start + count):
-            ends, *_ = self._shoot(machine, [], [], k, k + 1)
-            time = self.path.nodes[k + 1, State.TIME]
-            self.path.nodes[k + 1] = ends[0, 0]
-            self.path.nodes[k + 1, State.TIME] = time
-            self.path.inputs[k + 1] = self.path.inputs[k]
 
     def _differentiate(
         self,

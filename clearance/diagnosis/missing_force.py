@@ -41,13 +41,11 @@ class Seen:
         forces: (segments, inputs) in standard deviations of their scatter.
         scatter: (inputs,) between neighbouring segments [N m, N m, N].
         arguments: name to (segments,) values in the middle of the segments.
-        first: index of each recording's first segment.
     """
 
     forces: np.ndarray
     scatter: np.ndarray
     arguments: dict[str, np.ndarray]
-    first: tuple[int, ...]
 
 
 def observe_forces(passes: Sequence[Pass], inputs: Sequence[np.ndarray], joint: str, segment: float) -> Seen:
@@ -73,10 +71,8 @@ def observe_forces(passes: Sequence[Pass], inputs: Sequence[np.ndarray], joint: 
         found["slider_velocity"].append(signals[:, Signal.SLIDER_VELOCITY])
         found["contact_force"].append(one.contacts[inner, :, place].mean(axis=1))
         found["time"].append(segment * (np.arange(len(signals)) + EDGE + 0.5))
-    lengths = np.cumsum([0, *(len(one) for one in rows)])
     return Seen(
-        np.concatenate(rows) / scatter, scatter, {k: np.concatenate(v) for k, v in found.items()},
-        tuple(int(n) for n in lengths[:-1]),
+        np.concatenate(rows) / scatter, scatter, {k: np.concatenate(v) for k, v in found.items()}
     )  # fmt: skip
 
 

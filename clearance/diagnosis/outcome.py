@@ -15,7 +15,7 @@ from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.mismatch import Innovations, innovations, interval, locate, root_mean_square, summary
 from clearance.diagnosis.missing_force import FREE_FORM
 from clearance.diagnosis.nominal_map import nominal_map
-from clearance.diagnosis.search import ANNEALING, Attempt, refine, release, tightened
+from clearance.diagnosis.search import ANNEALING, Attempt, refine, release
 from clearance.diagnosis.signature import signatures
 from clearance.diagnosis.trace import Trace, aligned
 from clearance.diagnosis.verdict import (
@@ -208,9 +208,7 @@ def _held_out(held_out: Sequence[Measured], search: Search, attempt: Attempt) ->
     values = np.array([[trace.speed] for trace in traces])
     followers = [trace.follower(LOOSENESS) for trace in traces]
     free = release((), only_speed, followers, values, search.workers)
-    found = refine(
-        (), only_speed, tightened(free.followers), free.fit.values, ANNEALING[1], 8, search.workers
-    )
+    found = refine((), only_speed, free.followers, free.fit.values, ANNEALING[1], 8, search.workers)
     found.fit.values = np.concatenate(
         [np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1
     )

@@ -65,8 +65,8 @@ def refine(
 ) -> Attempt:
     """Fit at a scale of the noise, then at smaller ones as long as the model follows.
 
-    The followers are not changed; the attempt has its own. ``patient``: whether a scale at which the model
-    does not follow is tried twice.
+    The followers are not changed; the attempt has its own, free of unknown forces. ``patient``: whether a
+    scale at which the model does not follow is tried twice.
     """
     own = tightened(followers)
     best: Attempt | None = None

@@ -213,17 +213,6 @@ def test_a_wrong_clearance_and_missing_friction_are_felt():
         assert found.cost > 3.0 * right.cost
 
 
-def test_extending_predicts_the_nodes_that_follow():
-    one = follower()
-    truth = one.path.nodes.copy()
-    one.path.nodes[11:] = 0.0
-    one.extend(MODEL.machine(TRUTH[0]), 10, 5)
-    rows = Chart.of(MACHINE).rows
-    scale = np.abs(truth[:, rows]).max(axis=0)
-    assert (np.abs(one.path.nodes[11:16] - truth[11:16])[:, rows] / scale).max() < 1e-6
-    assert not one.path.nodes[16:].any()
-
-
 def test_a_part_of_a_follower_is_its_own():
     one = follower()
     small = one.part(10, 40)
