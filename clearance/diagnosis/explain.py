@@ -2,37 +2,38 @@
 
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from clearance.diagnosis.fit import Model
+from clearance.diagnosis.follow import Follower
+from clearance.diagnosis.growth import Start, grow, scale_of
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
-from clearance.diagnosis.instrument import Instrument
-from clearance.diagnosis.measured import NO_FAULT, Measured
+from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.missing_force import free_form
-from clearance.diagnosis.screening import Hint, Screening, screen
-from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, Attempt, refine, release
+from clearance.diagnosis.screening import Hint, screen, shapes
+from clearance.diagnosis.search import ANNEALING, FOLLOWED, Attempt, explained, loosen, refine, whole
 from clearance.diagnosis.suspicion import suspect
 from clearance.diagnosis.trace import Trace, aligned, profile
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
 LOOSENESS = 0.15  # of the joint's typical force: unknown forces while hypotheses are looked for
+_GLANCE, _SAME = 40, 0.02  # segments of a first glance; change of the clearance there that asks for new paths
+_LOOKS = 2  # times that recordings are followed anew with better values
+_HOPELESS, _POOR = 0.9, 3.0  # of a base's misfit, and misfit, above which a model is given up on the way
 _FITTED = 4  # hypotheses of one screening that are fitted
 _HOPEFUL = 0.1  # of the best one's gain: less is not fitted
 _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
 _TRIALS = 3  # plausible shapes of an effect that are tried where no linear look can judge it
-_STUCK = 100.0  # misfit with unknown forces from which on not even they follow
-_DRIVEN = 30.0  # times as loose is the unknown torque then
-_AGAIN, _NEARLY = 3, 0.3  # times that a fit is repeated whose misfit fell to this share
+_NEARLY = 4.0  # misfit up to which a model is worth another look
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
 _PAIRS = 3  # pairs that are fitted
 _CURVES = 3  # forces of free form that are fitted
-_ELSEWHERE = (
-    "soft_drive", "second_clearance", "joint_lubrication", "worn_bearing", "restitution", "contact_stiffness",
-    "rod_flexibility", "flexible_base", "guide_clearance",
-)  # fmt: skip
+_ELSEWHERE = ("soft_drive", "second_clearance", "rod_flexibility", "flexible_base", "guide_clearance")
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
 
 
@@ -101,85 +102,148 @@ class Search:
         self.say(f"[{self.seconds:.0f} s] {message}")
 
     def nominal(self) -> Explanation:
-        """Refit the nominal machine."""
+        """Refit the nominal machine; where a glance moves the clearance, paths are sought anew with it."""
         model = self.setting.model()
         values = np.array([[self.clearance, trace.speed] for trace in self.traces])
-        followers = [trace.follower(LOOSENESS) for trace in self.traces]
-        self.free = release((), model, followers, values, self.workers)
-        if self.free.misfit > _STUCK:  # a drive that is wrong altogether
-            followers = [trace.follower(LOOSENESS, _DRIVEN) for trace in self.traces]
-            other = release((), model, followers, values, self.workers)
-            self.free = min(self.free, other, key=lambda one: one.misfit)
-        self.report(f"with unknown forces: misfit {self.free.misfit:.3g}")
-        found = self.tighten((), self.free, self.free.fit.values)
+        self.starts = self.begin(self.traces, model, values)
+        surest = int(np.argmin([start.doubt for start in self.starts]))
+        glance = grow(self.starts[surest], model, values[surest], most=_GLANCE)
+        if glance is not None and glance[2] < FOLLOWED and abs(np.log(glance[1][0] / self.clearance)) > _SAME:
+            values[:, 0] = glance[1][0]
+            machine = self.setting.with_clearance(float(glance[1][0]))
+            self.traces = [self.retrace(r, machine) for r in range(len(self.recordings))]
+            self.starts = self.begin(self.traces, model, values)
+        found = self.grown((), values)
+        assert found is not None
         self.report(f"nominal: misfit {found.misfit:.3g}, clearance {found.fit.values[0, 0] * 1e3:.4f} mm")
         return Explanation(found)
 
-    def tighten(self, hypotheses: Sequence[Hypothesis], base: Attempt, values: np.ndarray) -> Attempt:
-        """Fit a model without unknown forces, from a path that was found with them."""
-        model = self.setting.model(hypotheses)
-        return refine(hypotheses, model, base.followers, values, ANNEALING[1], 8, self.workers)
+    def begin(self, traces: Sequence[Trace], model: Model, values: np.ndarray) -> list[Start]:
+        """Where each recording can be followed from by a machine with these values."""
 
-    def release(self, base: Attempt) -> Attempt:
-        """Let unknown forces in beside an attempt's hypotheses, on a path of its own."""
-        rows = base.fit.values
-        traces = [
-            self.retrace(r, base.model.machine(row), base.model.instrument(row)) for r, row in enumerate(rows)
-        ]
-        followers = [trace.follower(LOOSENESS) for trace in traces]
-        return release(base.hypotheses, base.model, followers, rows, self.workers)
+        def one(r: int) -> Start:
+            return Start.of(traces[r], model.held(values[r]), LOOSENESS)
 
-    def widen(self, explanation: Explanation, free: Attempt) -> None:
-        """Fit what points where the misfit points beside ``free``, until something explains the recordings.
+        with ThreadPoolExecutor(self.workers) as pool:
+            return list(pool.map(one, range(len(traces))))
+
+    def grown(
+        self,
+        hypotheses: Sequence[Hypothesis],
+        values: np.ndarray,
+        starts: Sequence[Start] | None = None,
+        limit: float = np.inf,
+        model: Model | None = None,
+    ) -> Attempt | None:
+        """Follow all recordings step by step with a model, and fit it to all of them.
+
+        Args:
+            hypotheses: beside the nominal machine.
+            values: (recordings, unknowns) to begin with.
+            starts: where the recordings are followed from; as the nominal machine is if ``None``.
+            limit: misfit above which a model is given up on the way.
+            model: of the hypotheses; with its usual unknowns if ``None``.
+        """
+        model = self.setting.model(hypotheses) if model is None else model
+        grown = self._grown(self.starts if starts is None else starts, model, values, limit)
+        if grown is None:
+            return None
+        followers, rows, misfit = grown
+        return refine(hypotheses, model, followers, rows, scale_of(misfit), 8, self.workers)
+
+    def _grown(
+        self, starts: Sequence[Start], model: Model, values: np.ndarray, limit: float
+    ) -> tuple[list[Follower], np.ndarray, float] | None:
+        """Followers, values and misfit: the surest recording first, the others with what it tells."""
+        order = [int(r) for r in np.argsort([start.doubt for start in starts])]
+        rows, shared = values.copy(), model.shared
+        found = grow(starts[order[0]], model, rows[order[0]], limit)
+        if found is None:
+            return None
+        grown = {order[0]: found}
+        rows[:, :shared] = found[1][:shared]
+        # what one recording tells of the machine holds for the others, if it followed
+        kept = list(range(shared if found[2] < FOLLOWED else 0, rows.shape[1]))
+
+        def one(r: int) -> tuple[Follower, np.ndarray, float] | None:
+            other = grow(starts[r], model.only(kept, rows[r]), rows[r, kept], limit)
+            return None if other is None else (other[0], np.append(rows[r, : kept[0]], other[1]), other[2])
+
+        with ThreadPoolExecutor(self.workers) as pool:
+            for r, other in zip(order[1:], pool.map(one, order[1:]), strict=True):
+                if other is None:
+                    return None
+                grown[r] = other
+        for r, each in grown.items():
+            rows[r, shared:] = each[1][shared:]
+        return [grown[r][0] for r in range(len(starts))], rows, float(np.mean([g[2] for g in grown.values()]))
+
+    def loosened(self, attempt: Attempt) -> Attempt:
+        """An attempt with unknown forces beside it: what it lacks shows in them."""
+        return loosen(attempt, [trace.forces(LOOSENESS) for trace in self.traces], self.workers)
+
+    def widen(self, explanation: Explanation, base: Attempt) -> None:
+        """Fit what points where the misfit points beside ``base``, until something explains the recordings.
 
         In order of promise and price: single effects, deaf channels (whose sensors may be at fault), pairs of
-        effects, forces of free form, effects that no linear look can judge. Where not even unknown forces
-        follow, these come right after the likeliest.
+        effects, effects that no linear look can judge, forces of free form.
         """
-        groups = [g for g in self.groups.values() if all(not _same(g[0], h) for h in free.hypotheses)]
+        groups = [g for g in self.groups.values() if all(not _same(g[0], h) for h in base.hypotheses)]
         self.report("looking at all hypotheses at once")
-        found = screen(free, groups, self.setting.joint, self.traces[0].path.force, self.workers)
+        found = screen(base, groups, self.setting.joint, self.workers)
         if not explanation.hints:
             explanation.hints = found.singles
         for hint in found.singles[:5]:
             self.report(f"  {hint.label}: promises {hint.gain:.4g}")
-        physics = [h for h in found.singles if h.hypotheses[0].kind == "physics"]
-        sensors = [h for h in found.singles if h.hypotheses[0].channel is not None]
-        likely = [h for h in physics[:_FITTED] if h.gain > max(_HOPEFUL * physics[0].gain, 0.0)]
-        likely += [h for h in found.forces[:1] if all(h.label != one.label for one in likely)]
-        channels = list(dict.fromkeys(str(h.hypotheses[0].channel) for h in sensors))
-        first = channels[:_DEAF] if sensors and physics and sensors[0].gain > physics[0].gain else []
+        best = found.singles[0].gain if found.singles else 0.0
+        likely = [h for h in found.singles[:_FITTED] if h.gain > max(_HOPEFUL * best, 0.0)]
+        loud = [h.hypotheses[0].channel for h in found.singles if h.gain > _HOPEFUL * best]
+        channels = list(dict.fromkeys(c for c in loud if c is not None))[:_DEAF]
         steps: list[Callable[[], None]] = []
-        steps += [lambda c=c: self.deafen(explanation, free, c) for c in first]  # type: ignore[misc]
-        steps += [lambda h=h: self.follow(explanation, free, h) for h in likely]  # type: ignore[misc]
-        steps += [lambda c=c: self.deafen(explanation, free, c) for c in channels[:_DEAF] if c not in first]  # type: ignore[misc]
-        if not free.hypotheses:
-            pairs = [lambda h=h: self.follow(explanation, free, h) for h in found.pairs[:_PAIRS]]
-            freely = [lambda: self.shape_freely(explanation, free, found)]
-            elsewhere = [lambda: self.begin_elsewhere(explanation, groups)]
-            if free.misfit > _STUCK:  # not even unknown forces follow
-                steps = [*steps[:1], *elsewhere, *steps[1:], *pairs, *freely]
-            else:
-                steps = [*steps, *pairs, *freely, *elsewhere]
+        steps += [lambda h=h: self.follow(explanation, base, h) for h in likely]  # type: ignore[misc]
+        steps += [lambda c=c: self.deafen(explanation, base, c) for c in channels]  # type: ignore[misc]
+        if not base.hypotheses:
+            steps += [lambda h=h: self.follow(explanation, base, h) for h in found.pairs[:_PAIRS]]  # type: ignore[misc]
+            steps += [lambda: self.begin_elsewhere(explanation, groups)]
+            steps += [lambda: self.shape_freely(explanation, base)]
         for step in steps:
             step()
             if explained(explanation.best):
                 return
-            if len(explanation.best.hypotheses) > len(free.hypotheses) and (
+            if len(explanation.best.hypotheses) > len(base.hypotheses) and (
                 explanation.best.misfit < _FAR_BETTER * explanation.nominal.misfit
             ):
                 return  # something else must be missing beside it
 
-    def follow(self, explanation: Explanation, free: Attempt, hint: Hint) -> None:
-        """Fit what a hint suggests beside the hypotheses of ``free``."""
-        held = [*free.hypotheses, *hint.hypotheses]
-        rows = free.fit.values
+    def follow(self, explanation: Explanation, base: Attempt, hint: Hint) -> None:
+        """Fit what a hint suggests beside the hypotheses of ``base``."""
+        held = [*base.hypotheses, *hint.hypotheses]
+        rows = base.fit.values
         added = np.repeat(hint.values[None], len(rows), axis=0)
-        values = np.concatenate([rows[:, : free.model.shared], added, rows[:, free.model.shared :]], axis=1)
-        self.keep(explanation, held, lambda: self.tighten(held, free, values))
+        values = np.concatenate([rows[:, : base.model.shared], added, rows[:, base.model.shared :]], axis=1)
+        self.keep(explanation, held, lambda: self.tighten(held, base, values))
+
+    def tighten(self, held: Sequence[Hypothesis], base: Attempt, values: np.ndarray) -> Attempt | None:
+        """Fit hypotheses on the path of ``base`` where that is near, and step by step where it is not."""
+        found: Attempt | None = None
+        if base.scale <= ANNEALING[3]:
+            found = refine(
+                held, self.setting.model(held), base.followers, values, ANNEALING[3], 8, self.workers
+            )
+            if explained(found):
+                return found
+            values = found.fit.values
+        for _ in range(_LOOKS):  # torn impacts are met better with the right values
+            other = self.grown(held, values, limit=max(_HOPELESS * base.misfit, _POOR))
+            if found is None or (other is not None and other.misfit < found.misfit):
+                found = other
+            if found is None or whole(found) or found.misfit > _NEARLY:
+                break
+            values = found.fit.values
+        return found
 
     def keep(
-        self, explanation: Explanation, held: Sequence[Hypothesis], make: Callable[[], Attempt]
+        self, explanation: Explanation, held: Sequence[Hypothesis], make: Callable[[], Attempt | None]
     ) -> Attempt | None:
         """Add an attempt to those that were made, unless it fails or was made before."""
         label = " + ".join(h.label for h in held)
@@ -190,46 +254,22 @@ class Search:
         except (InputError, np.linalg.LinAlgError) as error:
             self.report(f"{label}: {error}")
             return None
-        reference = explanation.nominal.misfit
-        for look in range(_AGAIN):  # what is nearly right is worth another look, from a path of its own
-            if explained(found) or found.misfit > _NEARLY * reference:
-                break
-            if look == 0:
-                free = self.release(found)
-                other = self.tighten(found.hypotheses, free, free.fit.values)
-                found = min(found, other, key=lambda one: one.misfit)
-                continue
-            again = refine(
-                found.hypotheses,
-                found.model,
-                found.followers,
-                found.fit.values,
-                ANNEALING[2],
-                8,
-                self.workers,
-            )
-            if again.misfit > 0.9 * found.misfit:
-                break
-            found = again
-        if not np.isfinite(found.fit.information).all():
-            self.report(f"{label}: does not run along the whole path")
+        if found is None or not np.isfinite(found.fit.information).all():
+            self.report(f"{label}: follows no better")
             return None
         explanation.attempts.append(found)
         shown = ", ".join(f"{v:.5g}" for v in found.fit.values[0, 1 : found.model.shared])
         self.report(f"{found.label}: misfit {found.misfit:.3g} at {shown}")
         return found
 
-    def deafen(self, explanation: Explanation, free: Attempt, channel: str) -> None:
+    def deafen(self, explanation: Explanation, base: Attempt, channel: str) -> None:
         """Fit without a channel: where that explains everything, its sensor is at fault; how, is fitted."""
-        deaf = [f.part(0, f.segments) for f in free.followers]
-        for follower in deaf:
-            follower.measured = follower.measured.without(channel)
+        deaf = [start.without(channel) for start in self.starts]
         try:
-            found = refine(
-                free.hypotheses, free.model, deaf, free.fit.values, ANNEALING[1], 8, self.workers,
-                False,
-            )  # fmt: skip
+            found = self.grown(base.hypotheses, base.fit.values, deaf, max(_HOPELESS * base.misfit, _POOR))
         except (InputError, np.linalg.LinAlgError):
+            return
+        if found is None:
             return
         self.report(f"without {channel}: misfit {found.misfit:.3g}")
         if found.scale > 1.0 or found.level > FOLLOWED:
@@ -249,7 +289,7 @@ class Search:
             hypothesis = known.get((suspicion.effect, channel))
             if hypothesis is None:
                 continue
-            held = [*free.hypotheses, hypothesis]
+            held = [*base.hypotheses, hypothesis]
             shared = found.model.shared
             added = [suspicion.parameters[u.name] for u in hypothesis.unknowns]
             rows = found.fit.values
@@ -266,60 +306,67 @@ class Search:
                 return
 
     def begin_elsewhere(self, explanation: Explanation, groups: Sequence[Sequence[Hypothesis]]) -> None:
-        """Fit effects that change what happens in a contact or add coordinates, from plausible sizes.
+        """Fit effects that add coordinates or change much at once, from plausible sizes.
 
-        No linear look at a path without them can judge them. They are tried on the first recording alone; the
-        best are fitted to all.
+        No linear look at a path without them can judge them. They are tried on one recording; the best are
+        fitted to all.
         """
+        surest = int(np.argmin([start.doubt for start in self.starts]))
+        base = explanation.nominal
         tried: list[tuple[float, Hypothesis, np.ndarray]] = []
-        enough = max(FOLLOWED, _FAR_BETTER * explanation.nominal.misfit)
         for group in _judged_elsewhere(groups):
             for hypothesis in group[:_TRIALS]:
                 model = self.setting.model([hypothesis])
-                values = np.concatenate([[self.clearance], hypothesis.start, [self.traces[0].speed]])[None]
+                speed = self.traces[surest].speed
+                row = np.concatenate([base.fit.values[0, :1], hypothesis.start, [speed]])
                 try:
-                    machine = model.machine(values[0])
-                    one = self.retrace(0, machine)
-                    own = [one.follower(LOOSENESS)]
-                    found = refine([hypothesis], model, own, values, ANNEALING[0], 6, 1, False)
+                    start = self.begun(hypothesis, model, row, surest)
+                    found = grow(start, model, row, max(_HOPELESS * base.misfit, _POOR))
                 except (InputError, np.linalg.LinAlgError):
                     continue
-                self.report(f"  {hypothesis.label}: misfit {found.misfit:.3g} on the first recording")
-                tried.append((found.misfit, hypothesis, found.fit.values[0]))
-                if found.misfit < enough:
+                if found is None:
+                    continue
+                misfit = found[2]
+                self.report(f"  {hypothesis.label}: misfit {misfit:.3g} on one recording")
+                tried.append((misfit, hypothesis, found[1]))
+                if misfit < FOLLOWED:
                     break
-            if tried and tried[-1][0] < enough:
+            if tried and tried[-1][0] < FOLLOWED:
                 break
         tried.sort(key=lambda one: one[0])
-        for misfit, hypothesis, row in tried[:2]:
-            if misfit > max(10.0 * tried[0][0], FOLLOWED) and misfit > 0.5 * explanation.best.misfit:
-                continue
+        for _, hypothesis, row in tried[:2]:
             model = self.setting.model([hypothesis])
             values = np.array([[*row[:-1], trace.speed] for trace in self.traces])
-            machine = model.machine(values[0])
-            traces = [self.retrace(r, machine) for r in range(len(self.traces))]
-            followers = [trace.follower(LOOSENESS) for trace in traces]
             self.keep(
                 explanation, [hypothesis],
-                lambda h=hypothesis, m=model, f=followers, v=values: refine(  # type: ignore[misc]
-                    [h], m, f, v, ANNEALING[0], 8, self.workers
+                lambda h=hypothesis, m=model, v=values: self.grown(  # type: ignore[misc]
+                    [h], v, [self.begun(h, m, row, r) for r, row in enumerate(v)]
                 ),
             )  # fmt: skip
             if explained(explanation.best):
                 return
 
-    def retrace(self, r: int, machine: SliderCrank, instrument: Instrument = NO_FAULT) -> Trace:
-        """The path of a recording for another machine, or with faults of its sensors undone."""
-        return Trace.of(self.recordings[r], self.alignments[r], machine, instrument)
+    def retrace(self, r: int, machine: SliderCrank) -> Trace:
+        """The path of a recording for another machine."""
+        return Trace.of(self.recordings[r], self.alignments[r], machine)
 
-    def shape_freely(self, explanation: Explanation, free: Attempt, found: Screening) -> None:
+    def begun(self, hypothesis: Hypothesis, model: Model, row: np.ndarray, r: int) -> Start:
+        """Where a recording can be followed from with a hypothesis: anew where it adds coordinates."""
+        if not hypothesis.structural(self.setting.with_clearance(3e-4)):
+            return self.starts[r]
+        machine = model.machine(row)
+        return Start.of(self.retrace(r, machine), model.held(row), LOOSENESS)
+
+    def shape_freely(self, explanation: Explanation, base: Attempt) -> None:
         """Let a force of free form explain what no named effect does: the best curves are fitted."""
-        for curve in found.curves[:_CURVES]:
+        free = self.loosened(base)
+        self.report(f"with unknown forces: misfit {free.misfit:.3g}")
+        for curve in shapes(free, self.setting.joint, self.traces[0].path.force, self.workers)[:_CURVES]:
             if curve.gain < curve.price:
                 return
             self.report(f"  {curve.body} {curve.direction} by {curve.argument}: promises {curve.gain:.4g}")
             hypothesis = free_form(curve, self.setting.joint)
-            self.follow(explanation, free, Hint((hypothesis,), hypothesis.start, curve.gain, 0.0))
+            self.follow(explanation, base, Hint((hypothesis,), hypothesis.start, curve.gain, 0.0))
             if explained(explanation.best):
                 return
 
@@ -340,9 +387,8 @@ class Search:
                 values = best.fit.values[:, [*keep, place]]
                 if best.hypotheses[left_out].structural(self.setting.with_clearance(3e-4)):
                     # a path with other coordinates is no beginning
-                    followers = [trace.follower(LOOSENESS) for trace in self.traces]
-                    free = release(held, model, followers, values, self.workers)
-                    shorter.append(self.tighten(held, free, free.fit.values))
+                    anew = self.grown(held, values)
+                    shorter += [] if anew is None else [anew]
                     continue
                 shorter.append(refine(held, model, best.followers, values, ANNEALING[2], 8, self.workers))
             explanation.attempts += shorter
@@ -413,8 +459,3 @@ def _ready(hypothesis: Hypothesis, i: int) -> float:
     if hypothesis.shapes[i] or not np.isfinite(hypothesis.off[i]):
         return float(hypothesis.start[i])
     return float(hypothesis.off[i])
-
-
-def explained(attempt: Attempt) -> bool:
-    """Whether nothing is left to explain."""
-    return attempt.scale <= 1.0 and attempt.level < EXPLAINED

@@ -74,6 +74,19 @@ class Model:
         machine, instrument = self.machine(values), self.instrument(values)
         return Model((), lambda _: machine, lambda _: instrument)
 
+    def only(self, kept: Sequence[int], values: np.ndarray) -> "Model":
+        """The same with some of the unknowns, the others at these values."""
+
+        def whole(some: np.ndarray) -> np.ndarray:
+            every = values.copy()
+            every[list(kept)] = some
+            return every
+
+        return Model(
+            tuple(self.unknowns[i] for i in kept), lambda v: self.machine(whole(v)),
+            lambda v: self.instrument(whole(v)), tuple(self.sensing[i] for i in kept) if self.sensing else (),
+        )  # fmt: skip
+
     def step(self, values: np.ndarray, i: int) -> float:
         """Signed step of unknown ``i``."""
         unknown = self.unknowns[i]
@@ -296,17 +309,49 @@ def _harmed(before: Pass, after: Pass) -> np.ndarray:
     return ~(after.local < before.local + 0.5 * rows) & ~(after.local < 3.0 * rows)
 
 
-def mend(follower: Follower, fixed: Model, first: int, last: int) -> float:
-    """Fit the nodes of a short stretch between what is known on both sides; return the cost a sample."""
-    nothing = np.zeros((1, 0))
+def advance(follower: Follower, fixed: Model, segment: int, end: int) -> None:
+    """Run on from a segment that is known, and correct it and those before it by what it should show.
+
+    Args:
+        follower: whose path after the segment is replaced.
+        fixed: model without unknowns.
+        segment: that is known, up to what the next samples correct.
+        end: segment that is not touched.
+    """
+    machine = fixed.machine(_NOTHING[0])
+    last = min(segment + 1 + AHEAD, end)
+    for place in range(segment, min(last, follower.segments - 1)):
+        follower.path.nodes[place + 1] = follower.arrival(machine, place)
+    fit(
+        [follower], fixed, _NOTHING, _CORRECTIONS, 1e-1, 1, goal=_ENOUGH, first=max(segment - _HORIZON, 0),
+        last=last, doubt=0.1,
+    )  # fmt: skip
+
+
+def mend(follower: Follower, fixed: Model, first: int, last: int) -> None:
+    """Put a short stretch together anew between what is known on both sides; kept where that is better."""
     first, last = max(first, 0), min(last, follower.segments)
     inside = last < follower.segments
-    for scale in (10.0, 3.0, 1.0):
-        found = fit(
-            [follower], fixed, nothing, 4, 5e-2, 1, goal=GOAL if scale == 1.0 else 0.0,
-            first=first, last=last, scale=scale, doubt=_KNOWN, inside=inside,
-        )  # fmt: skip
-    return found.cost / max(found.passes[0].samples, 1)
+    before = follower.path.copy()
+
+    def joined(scales: Sequence[float]) -> float:
+        for scale in scales:
+            found = fit(
+                [follower], fixed, _NOTHING, 4, 5e-2, 1, goal=GOAL if scale == 1.0 else 0.0,
+                first=first, last=last, scale=scale, doubt=_KNOWN, inside=inside,
+            )  # fmt: skip
+        return found.cost / max(found.passes[0].samples, 1)
+
+    cost = joined((10.0, 3.0, 1.0))
+    if cost < GOAL:
+        return
+    best, follower.path = follower.path, before.copy()
+    for segment in range(first, last - 1):
+        advance(follower, fixed, segment, last)
+    if inside:
+        follower.path.nodes[last - 1 :] = before.nodes[last - 1 :]
+    if not joined((3.0, 1.0)) < cost:
+        follower.path = best
 
 
 def islands(mask: np.ndarray, margin: int) -> list[tuple[int, int]]:
@@ -316,6 +361,11 @@ def islands(mask: np.ndarray, margin: int) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
+AHEAD = 2  # segments that are predicted beyond a new one
+_HORIZON = 6  # segments that are corrected with a new one
+_CORRECTIONS = 2  # iterations of that
+_ENOUGH = 1.05  # cost a sample at which a step is good
+_NOTHING = np.zeros((1, 0))
 GOAL = 1.2  # cost a sample of a stretch that is followed
 _QUIET, _QUIET_MEAN = 0.9, 0.975  # share of segments, and what they cost where all cost 1 on average
 _MANY = 0.3  # share of segments; a step that harms more is a bad step

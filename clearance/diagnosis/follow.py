@@ -215,14 +215,18 @@ class Follower:
         jacobian[..., :nz] = jacobian[..., :nz] @ bases[:, None, None]
         own = (chart.units / noise)[None, :, None] * bases
         values, sigma, known = self.measured.restored(instrument)
-        for i, fault in enumerate(faults):
-            if fault is not None:
-                shared[:, 1, :, :, i] -= (self.measured.restored(fault)[0] - values)[first:last]
+        predicted = self._predict(first, last, points)
+        if any(fault is not None for fault in faults):
+            # a fault changes what is predicted: undoing it on the noise as well would reward a smaller noise
+            clean = self.measured.less(first, values[first:last] - predicted)
+            base, *_ = clean.restored(instrument)
+            for i, fault in enumerate(faults):
+                if fault is not None:
+                    shared[:, 1, :, :, i] -= (clean.restored(fault)[0] - base)[first:last]
         weight = 1.0 / (sigma * scale)
         jacobian *= weight[:, None]
         shared *= weight[:, None]
 
-        predicted = self._predict(first, last, points)
         residual = (values[first:last] - predicted) * weight
         used = known[first:last].astype(float)
         edge = 1 if inside else EDGE
@@ -263,6 +267,11 @@ class Follower:
             chart, float(local.sum()), local, residual * scale, values[first:last], used, defect, contacts,
             predicted, self.signals[first:last], system, reach,
         )  # fmt: skip
+
+    def arrival(self, machine: SliderCrank, place: int) -> np.ndarray:
+        """(STATES,) where a machine is at the end of a segment that begins at its node."""
+        ends, *_ = self._shoot(machine, [], [], place, place + 1)
+        return ends[0, 0]
 
     def move(self, change: np.ndarray, chart: Chart, first: int = 0) -> None:
         """Apply a change (segments, nz + inputs) of the unknowns."""

@@ -16,6 +16,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 
 SMALLEST_CLEARANCE = 5e-6  # m; below, the joint is as good as ideal
 _STEP = 1e-4  # of a parameter's plausible size, for its derivative
+_SPAN = 0.1  # of its range is plausible where a parameter begins at zero
 
 
 def settled(drive: Drive) -> Drive:
@@ -87,6 +88,10 @@ def of_effect(effect: Effect, machine: SliderCrank, joint: str) -> list[Hypothes
             size = abs(
                 start[parameter.name] - (off[parameter.name] if isfinite(off[parameter.name]) else 0.0)
             )
+            if size == 0.0 and isfinite(high - low):  # a phase of zero is no small phase
+                size = _SPAN * (high - low)
+            if parameter.whole:
+                low = high = start[parameter.name]
             step = _STEP * max(size, 1e-3 * abs(start[parameter.name]), 1e-12)
             unknowns.append(Unknown(parameter.name, step, low, high, reach=0.3 * step / _STEP))
         names = effect.parameters

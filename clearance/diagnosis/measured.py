@@ -105,6 +105,15 @@ class Measured:
         sigma[self.channels.index(channel)] *= _DEAF
         return replace(self, sigma=sigma)
 
+    def less(self, first: int, residual: np.ndarray) -> "Measured":
+        """The same recording with (segments, samples, channels) taken away from segment ``first`` on."""
+        values, recorded = self.values.copy(), self.recorded.copy()
+        values[first : first + len(residual)] -= residual
+        begin = (self.first + first) * SAMPLES
+        flat = residual.reshape(-1, residual.shape[2])
+        recorded[begin : begin + len(flat)] -= flat
+        return replace(self, values=values, recorded=recorded)
+
     def restored(self, instrument: Instrument) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What faultless instruments would have recorded.
 

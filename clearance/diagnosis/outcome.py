@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clearance.diagnosis.explain import LOOSENESS, Explanation, Search, explained, penalised
+from clearance.diagnosis.explain import Explanation, Search, penalised
 from clearance.diagnosis.fit import Model, Unknown
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.mismatch import Innovations, innovations, interval, locate, root_mean_square, summary
 from clearance.diagnosis.missing_force import FREE_FORM
 from clearance.diagnosis.nominal_map import nominal_map
-from clearance.diagnosis.search import ANNEALING, Attempt, refine, release
+from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.signature import signatures
 from clearance.diagnosis.trace import Trace, aligned
 from clearance.diagnosis.verdict import (
@@ -96,19 +96,19 @@ def diagnose(
     search.trace()
     explanation = search.nominal()
     keep(explanation)
-    free = search.free
+    base = explanation.nominal
     for _ in range(most):
         if explained(explanation.best):
             break
         before = penalised(explanation.best)
-        search.widen(explanation, free)
+        search.widen(explanation, base)
         keep(explanation)
         best = explanation.best
         if best.hypotheses and not explained(best):
             search.enlarge(explanation)
         if explained(explanation.best) or penalised(explanation.best) > 0.7 * before:
             break
-        free = search.release(explanation.best)
+        base = explanation.best
     search.prune(explanation)
     withdraw(explanation)
     search.report("judging on held-out recordings")
@@ -167,7 +167,7 @@ def diagnose(
             "clearance_m": search.profile.clearance.tolist(),
             "misfit": search.profile.misfit.round(4).tolist(),
         },
-        "missing_force": sorted(_missing_force(search), key=lambda one: one["body"] != body),
+        "missing_force": sorted(_missing_force(search, nominal), key=lambda one: one["body"] != body),
         "signatures": _signatures(held_out, before_attempt, after, nominal, best),
         "detectability": nominal_map(
             joint, numbers[0].value, float(best.fit.values[0, -1]), recordings[0].channels
@@ -206,9 +206,8 @@ def _held_out(held_out: Sequence[Measured], search: Search, attempt: Attempt) ->
     with ThreadPoolExecutor(search.workers) as pool:
         traces = list(pool.map(one, held_out))
     values = np.array([[trace.speed] for trace in traces])
-    followers = [trace.follower(LOOSENESS) for trace in traces]
-    free = release((), only_speed, followers, values, search.workers)
-    found = refine((), only_speed, free.followers, free.fit.values, ANNEALING[1], 8, search.workers)
+    found = search.grown((), values, search.begin(traces, only_speed, values), model=only_speed)
+    assert found is not None
     found.fit.values = np.concatenate(
         [np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1
     )
@@ -287,11 +286,12 @@ _UNITS = {
 _BODIES = (("crank", "torque", "N m"), ("rod", "moment", "N m"), ("slider", "x", "N"))
 
 
-def _missing_force(search: Search) -> list[dict[str, Any]]:
+def _missing_force(search: Search, nominal: Attempt) -> list[dict[str, Any]]:
     """Unknown forces beside the nominal model: what it lacks, over time, with 95 % bands."""
+    free = search.loosened(nominal)
     found = []
     for trace, follower, one in zip(
-        search.traces, search.free.followers, search.free.fit.passes, strict=True
+        search.traces, free.followers, free.fit.passes, strict=True
     ):
         middle = one.signals[:, one.signals.shape[1] // 2]
         angle = np.degrees(middle[:, Signal.CRANK_ANGLE] % (2.0 * np.pi))

@@ -18,13 +18,11 @@ from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.missing_force import (
     Curve,
-    Seen,
     constant,
     curves,
     directions,
     observe_forces,
     patterns,
-    regress,
 )
 from clearance.diagnosis.search import Attempt
 from clearance.errors import InputError
@@ -110,7 +108,7 @@ def _columns(
 
 
 def screen(
-    attempt: Attempt, groups: Sequence[Sequence[Hypothesis]], joint: str, force: float, workers: int
+    attempt: Attempt, groups: Sequence[Sequence[Hypothesis]], joint: str, workers: int
 ) -> "Screening":
     """Look at all hypotheses, alone and in pairs, beside a fitted model.
 
@@ -118,22 +116,18 @@ def screen(
         attempt: with its paths; its parameters and the speeds are free all the while.
         groups: hypotheses with their trials.
         joint: the diagnosed one.
-        force: typical in that joint [N].
         workers: threads.
     """
-    places = directions(joint)
-    sizes = np.array([_PUSH * force * (_ARM if d in ("torque", "moment") else 1.0) for _, d in places])
     model, count = attempt.model, len(attempt.model.unknowns)
 
-    def look(r: int) -> tuple[list[_Column], np.ndarray, np.ndarray, Pass]:
+    def look(r: int) -> tuple[list[_Column], np.ndarray, np.ndarray]:
         values = attempt.fit.values[r]
         machine, instrument = model.machine(values), model.instrument(values)
         columns = _columns(groups, machine, instrument)
-        pushes = [constant(machine, *place, size) for place, size in zip(places, sizes, strict=True)]
         machines, faults = model.columns(values)
         one = attempt.followers[r].look(
-            machine, [*machines, *(c.machine for c in columns), *pushes], instrument,
-            [*faults, *(c.instrument for c in columns), *[None] * len(pushes)], scale=attempt.scale,
+            machine, [*machines, *(c.machine for c in columns)], instrument,
+            [*faults, *(c.instrument for c in columns)], scale=attempt.scale,
         ).solve()  # fmt: skip
         # each recording's own unknowns, the last of the model's, are eliminated here
         shared, total = model.shared, count + len(columns)
@@ -144,39 +138,42 @@ def screen(
         gram = whole[np.ix_(keep, keep)] - whole[np.ix_(keep, own)] @ lift
         scores = np.nan_to_num(one.parts, nan=0.0, posinf=0.0, neginf=0.0)
         parts = scores[:, keep[:-1]] - scores[:, own] @ lift[:, :-1]
-        return columns, gram, parts, one
+        return columns, gram, parts
 
     with ThreadPoolExecutor(workers) as pool:
         looks = list(pool.map(look, range(len(attempt.followers))))
-    columns = looks[0][0]
-    gram = np.sum([gram for _, gram, _, _ in looks], axis=0) * attempt.scale**2
-    parts = np.concatenate([_blocks(parts) for _, _, parts, _ in looks]) * attempt.scale**2
-    singles, pairs = _rank(columns, gram, parts, model.shared)
+    gram = np.sum([gram for _, gram, _ in looks], axis=0) * attempt.scale**2
+    parts = np.concatenate([_blocks(parts) for _, _, parts in looks]) * attempt.scale**2
+    return Screening(*_rank(looks[0][0], gram, parts, model.shared))
 
-    passes = [one for *_, one in looks]
+
+def shapes(attempt: Attempt, joint: str, force: float, workers: int) -> list[Curve]:
+    """Forces of free form that explain the unknown forces of an attempt, most promising first.
+
+    Args:
+        attempt: with unknown forces.
+        joint: the diagnosed one.
+        force: typical in that joint [N].
+        workers: threads.
+    """
+    places = directions(joint)
+    sizes = np.array([_PUSH * force * (_ARM if d in ("torque", "moment") else 1.0) for _, d in places])
+
+    def look(r: int) -> Pass:
+        values = attempt.fit.values[r]
+        machine = attempt.model.machine(values)
+        pushes = [constant(machine, *place, size) for place, size in zip(places, sizes, strict=True)]
+        return attempt.followers[r].look(
+            machine, pushes, attempt.model.instrument(values), scale=attempt.scale
+        )
+
+    with ThreadPoolExecutor(workers) as pool:
+        passes = list(pool.map(look, range(len(attempt.followers))))
     sigmas = [f.input_sigma for f in attempt.followers]
     seen = observe_forces(
         passes, [f.path.inputs for f in attempt.followers], joint, attempt.followers[0].measured.segment
     )
-    every = patterns(passes, sigmas, slice(count, None), seen.scatter)
-    forces = []
-    for i, column in enumerate(columns):
-        if column.machine is None or column.instrument is not None:
-            continue
-        low, high = map(np.atleast_1d, _range(column))
-        fitted = regress(seen, every[:, :, i, None], low, high)
-        forces.append(
-            Hint(
-                (column.hypothesis,), _begun(column, float(fitted.coefficients[0])), fitted.gain,
-                float(np.abs(fitted.coefficients / np.maximum(fitted.deviations, 1e-300))[0]),
-            )
-        )  # fmt: skip
-    forces.sort(key=lambda hint: -hint.gain)
-    best: dict[str, Hint] = {}
-    for hint in forces:
-        best.setdefault(hint.label, hint)
-    found = curves(seen, every[:, :, len(columns) :], joint, sizes)
-    return Screening(singles, pairs, list(best.values()), found, seen)
+    return curves(seen, patterns(passes, sigmas, slice(0, None), seen.scatter), joint, sizes)
 
 
 @dataclass(frozen=True)
@@ -186,16 +183,10 @@ class Screening:
     Attributes:
         singles: by what one step of Gauss-Newton promises, one trial of each label.
         pairs: the same for two at once.
-        forces: by how well they explain the unknown forces.
-        curves: forces of free form that explain the unknown forces.
-        seen: those forces.
     """
 
     singles: list[Hint]
     pairs: list[Hint]
-    forces: list[Hint]
-    curves: list[Curve]
-    seen: Seen
 
 
 def _begun(column: _Column, change: float) -> np.ndarray:

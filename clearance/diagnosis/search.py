@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clearance.diagnosis.fit import Fit, Model, fit, islands, mend
-from clearance.diagnosis.follow import Follower
+from clearance.diagnosis.follow import EDGE, Follower
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.simulation.integrator import Integrator
 
@@ -16,6 +16,7 @@ EXPLAINED = 1.35  # and up to which nothing is left to explain
 TIGHT = np.array([1e-3, 1e-3, 1e-2])  # N m, N m, N: unknown forces that a right model does not need
 INTEGRATOR = Integrator("runge_kutta_4", 1e-5, 2)
 _LOOKS = 3  # at most, to put torn impacts together
+_APART, _SOME = 3.0, 0.01  # cost a sample of a segment that is not followed; share of these that may be
 _TORN, _MANY, _NEAR = 2.0, 0.3, 5  # cost a sample; share of segments; segments fitted with a torn one
 _NOTHING = np.zeros((1, 0))
 
@@ -94,7 +95,7 @@ def refine(
         values = found.values
         best = Attempt(tuple(hypotheses), model, found, s, level, own)
     assert best is not None
-    return polish(best, workers) if best.scale <= 1.0 and best.level > EXPLAINED else best
+    return polish(best, workers) if best.scale <= 1.0 else best
 
 
 def mend_torn(followers: Sequence[Follower], model: Model, found: Fit) -> bool:
@@ -118,31 +119,24 @@ def tightened(followers: Sequence[Follower]) -> list[Follower]:
     return own
 
 
-def release(
-    hypotheses: Sequence[Hypothesis],
-    model: Model,
-    followers: Sequence[Follower],
-    values: np.ndarray,
-    workers: int = 1,
-) -> Attempt:
-    """Fit with unknown forces, so that the path is right whatever the model lacks.
+def loosen(attempt: Attempt, forces: Sequence[np.ndarray], workers: int = 1) -> Attempt:
+    """The same model with unknown forces beside it, which show what it lacks.
 
-    The followers' own unknown forces are kept. The path is fitted alone first, then with the parameters, at
-    ever smaller scales of the noise as long as it follows.
+    Args:
+        attempt: not changed.
+        forces: (inputs,) their standard deviations for each recording [N m, N m, N].
+        workers: threads.
     """
-    own = [f.part(0, f.segments) for f in followers]
-    for r, follower in enumerate(own):
-        fit([follower], model.held(values[r]), _NOTHING, 6, 5e-2, 1, scale=ANNEALING[0])
+    own = [f.part(0, f.segments) for f in attempt.followers]
+    for follower, sigma in zip(own, forces, strict=True):
+        follower.input_sigma = sigma
+        follower.path.inputs[:] = 0.0
     best: Attempt | None = None
+    values = attempt.fit.values
     for scale in ANNEALING[2:4]:
-        paths = [f.path.copy() for f in own]
-        found = fit(own, model, values, 10, 3e-2, workers, scale=scale)
-        if best is not None and found.level > 1.0:
-            for follower, path in zip(own, paths, strict=True):
-                follower.path = path
-            break
+        found = fit(own, attempt.model, values, 10, 3e-2, workers, scale=scale)
         values = found.values
-        best = Attempt(tuple(hypotheses), model, found, scale, found.level, own)
+        best = Attempt(attempt.hypotheses, attempt.model, found, scale, found.level, own)
         if found.level > 0.3:
             break
     assert best is not None
@@ -152,12 +146,27 @@ def release(
 def polish(attempt: Attempt, workers: int = 1) -> Attempt:
     """Mend the stretches that a good model does not follow yet, and fit once more."""
     for _ in range(_LOOKS):
-        if not mend_torn(attempt.followers, attempt.model, attempt.fit):
+        if whole(attempt) or not mend_torn(attempt.followers, attempt.model, attempt.fit):
             break
-        found = fit(attempt.followers, attempt.model, attempt.fit.values, 4, 1e-2, workers)
-        level = found.level
-        settled = level > 0.95 * attempt.level
-        attempt.fit, attempt.level = found, level
-        if settled or level < EXPLAINED:
+        before = attempt.fit.cost
+        found = fit(attempt.followers, attempt.model, attempt.fit.values, 8, 3e-3, workers)
+        attempt.fit, attempt.level = found, found.level
+        if found.cost > 0.98 * before:
             break
     return attempt
+
+
+def explained(attempt: Attempt) -> bool:
+    """Whether nothing is left to explain."""
+    return attempt.scale <= 1.0 and attempt.level < EXPLAINED
+
+
+def whole(attempt: Attempt) -> bool:
+    """Whether it follows everywhere, impacts included."""
+    if not explained(attempt):
+        return False
+    each = np.concatenate([
+        one.local[EDGE:-EDGE] / np.maximum((one.used > 0.0).sum(axis=(1, 2)), 1)[EDGE:-EDGE]
+        for one in attempt.fit.passes
+    ])  # fmt: skip
+    return bool((each > _APART).mean() <= _SOME)

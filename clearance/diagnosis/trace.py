@@ -153,15 +153,20 @@ class Trace:
         """That the drive seems to be asked for [rpm]."""
         return self.path.speed * 30.0 / np.pi
 
-    def follower(self, looseness: float, drive: float = 1.0) -> Follower:
-        """A follower on the path, with unknown forces of a share of the joint's typical force.
+    @property
+    def margin(self) -> int:
+        """Segments that following may skip at the beginning."""
+        return min((len(self.path.nodes) - 2 * _SKIPPED) // 3, self.length // 2)
 
-        Args:
-            looseness: that share.
-            drive: factor on the unknown torque.
-        """
-        first, last = _SKIPPED, _SKIPPED + self.length
-        forces = looseness * self.path.force * np.array([drive * self.arms[0], self.arms[1], 1.0])
+    def forces(self, looseness: float) -> np.ndarray:
+        """(inputs,) unknown forces of a share of the joint's typical force [N m, N m, N]."""
+        return looseness * self.path.force * np.array([self.arms[0], self.arms[1], 1.0])
+
+    def follower(self, looseness: float) -> Follower:
+        """A follower on the path, with unknown forces of a share of the joint's typical force."""
+        first = _SKIPPED
+        last = min(_SKIPPED + self.length + self.margin, len(self.path.nodes) - _SKIPPED)
+        forces = self.forces(looseness)
         follower = Follower(self.measured.part(first, last), INTEGRATOR, forces)
         follower.path.nodes[:] = self.path.nodes[first:last]
         follower.path.nodes[:, State.TIME] = self.measured.segment * np.arange(last - first)

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from clearance.diagnosis.explain import Explanation, explained, penalised
+from clearance.diagnosis.explain import Explanation, penalised
 from clearance.diagnosis.fit import Fit
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.missing_force import FREE_FORM
-from clearance.diagnosis.search import Attempt
+from clearance.diagnosis.search import Attempt, explained
 
 _BLOCK = 5  # segments that count as one in the robust covariance
 _ALIKE = 12.0  # difference of penalised sums of squares below which two explanations are equivalent

@@ -1,0 +1,178 @@
+"""Follow a recording step by step: from where its path is sure, forward, one segment at a time.
+
+A path that is right over a few milliseconds tells, by simulation, where the machine goes next; a few samples
+correct that, and the next millisecond follows. An impact is then met from the right side at nearly the right
+moment, where a fit of all segments at once, begun from a smoothed path, would tear it apart and stay in that
+local minimum. The parameters are fitted to what has been followed so far, again whenever it has doubled, so
+that a clearance wrong by a tenth is right before it can lead astray.
+
+Reference: moving-horizon estimation, Rao, Rawlings & Mayne 2003, IEEE Trans. Autom. Control 48(2), 246-258.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clearance.diagnosis.fit import AHEAD, Fit, Model, advance, fit
+from clearance.diagnosis.follow import EDGE, Follower
+from clearance.diagnosis.search import ANNEALING, FOLLOWED, tightened
+from clearance.diagnosis.trace import Trace
+
+_ISLAND = 6  # segments that must all be followed well where the path is sure
+_EDGES = EDGE + 1  # segments at the ends that cannot be judged
+_CANDIDATES, _PROBED = 4, 16  # islands that are tried, and steps from each
+_BEFORE, _AFTER = 2, 3  # segments around them that are followed first
+_FIRST_FIT = 8  # steps before the parameters are fitted; then whenever their number has doubled
+_SETTLING = 48  # steps from which on each recording's own unknowns are fitted as well
+_JUDGED = 16  # steps before a model may be given up
+_NOTHING = np.zeros((1, 0))
+
+
+@dataclass
+class Start:
+    """Where a recording can be followed from.
+
+    Attributes:
+        trace: of the recording.
+        follower: on the smoothed path, with unknown forces.
+        island: first segment of those that are followed best.
+        doubt: cost a sample of the steps that follow them.
+    """
+
+    trace: Trace
+    follower: Follower
+    island: int
+    doubt: float
+
+    @staticmethod
+    def of(trace: Trace, model: Model, looseness: float) -> "Start":
+        """Smooth the path with unknown forces and see where that succeeds best.
+
+        Args:
+            trace: of the recording.
+            model: without unknowns.
+            looseness: unknown forces over the joint's typical one.
+        """
+        follower = trace.follower(looseness)
+        for scale in (ANNEALING[0], ANNEALING[2]):
+            found = fit([follower], model, _NOTHING, 8, 5e-2, 1, scale=scale)
+        each = _each(found)
+        last = max(_EDGES + 1, min(trace.margin, len(each) - _ISLAND - _PROBED - _EDGES))
+        worst = np.full(last, np.inf)
+        for i in range(_EDGES, last):
+            worst[i] = each[i : i + _ISLAND].max()
+        best: Start | None = None
+        for _ in range(_CANDIDATES):
+            island = int(np.argmin(worst))
+            if not np.isfinite(worst[island]):
+                break
+            worst[max(island - _ISLAND, 0) : island + _ISLAND] = np.inf
+            start = _locked(trace, follower, model, island)
+            best = start if best is None or start.doubt < best.doubt else best
+            if best.doubt < FOLLOWED:
+                break
+        assert best is not None
+        return best
+
+    def without(self, channel: str) -> "Start":
+        """The same with a channel that says nothing."""
+        follower = self.follower.part(0, self.follower.segments)
+        follower.measured = follower.measured.without(channel)
+        return Start(self.trace, follower, self.island, self.doubt)
+
+
+def grow(
+    start: Start, model: Model, values: np.ndarray, limit: float = np.inf, most: int | None = None
+) -> tuple[Follower, np.ndarray, float] | None:
+    """Follow a recording from its island as far as is wanted.
+
+    Args:
+        start: of the recording; not changed.
+        model: with unknowns or without.
+        values: (unknowns,) to begin with.
+        limit: misfit above which the model is given up on the way.
+        most: segments, at most; as many as the trace wants if ``None``.
+
+    Returns:
+        The follower of what was followed, the (unknowns,) values found and the misfit; ``None`` where the
+        model is given up.
+
+    Raises:
+        InputError: a law does not take the values.
+    """
+    held = model.held(values)
+    follower = _landed(start.follower, held, start.island)
+    first = start.island - _BEFORE
+    end = min(first + (most or start.trace.length), follower.segments)
+    rows = values[None].copy()
+    found, steps, due = None, 0, _FIRST_FIT
+    segment = start.island + _ISLAND + _AFTER - AHEAD
+    while segment < end:
+        advance(follower, held, segment, end)
+        segment += 1
+        steps += 1
+        if steps < due and (segment < end or found is not None):
+            continue
+        due = 2 * steps
+        kept = [i for i, unknown in enumerate(model.unknowns) if steps >= _SETTLING or not unknown.own]
+        part = model.only(kept, rows[0])
+        found, scale = _fitted(follower, part, rows[:, kept], first, min(segment + 1, end))
+        rows[:, kept] = found.values
+        held = model.held(rows[0])
+        if steps >= _JUDGED and found.level * scale**2 > limit:
+            return None
+    assert found is not None
+    return follower.part(first, end), rows[0], found.level * scale**2
+
+
+def _landed(follower: Follower, model: Model, island: int) -> Follower:
+    """A follower without unknown forces that is right on an island."""
+    own = tightened([follower])[0]
+    for scale in (ANNEALING[2], ANNEALING[3], ANNEALING[4]):
+        fit(
+            [own], model, _NOTHING, 10, 1e-2, 1, first=island - _BEFORE, last=island + _ISLAND + _AFTER,
+            scale=scale,
+        )  # fmt: skip
+    return own
+
+
+def _locked(trace: Trace, follower: Follower, model: Model, island: int) -> Start:
+    """Where a path from an island has come to follow: it does so within some steps even from a wrong one."""
+    own = _landed(follower, model, island)
+    first = island + _ISLAND + _AFTER - AHEAD
+    for segment in range(first, min(first + _PROBED, own.segments - AHEAD)):
+        advance(own, model, segment, own.segments)
+    last = min(first + _PROBED + AHEAD, own.segments)
+    each = _each(fit([own], model, _NOTHING, 0, first=island - _BEFORE, last=last))[: -AHEAD - 1]
+    worst = [each[i : i + _ISLAND].max() for i in range(_BEFORE, len(each) - _ISLAND + 1)]
+    own.input_sigma = follower.input_sigma
+    return Start(trace, own, island + int(np.argmin(worst)), float(min(worst)))
+
+
+def _fitted(follower: Follower, model: Model, values: np.ndarray, first: int, last: int) -> tuple[Fit, float]:
+    """Fit the parameters to a stretch, at ever smaller scales of the noise as long as the model follows."""
+    held = fit([follower], model.held(values[0]), _NOTHING, 0, first=first, last=last)
+    begin = scale_of(held.level)
+    found, reached = None, begin
+    for scale in [s for s in ANNEALING if s <= begin]:
+        path = follower.path.copy()
+        other = fit([follower], model, values, 5, 2e-2, 1, first=first, last=last, scale=scale)
+        if found is not None and other.level * scale**2 > found.level * reached**2:
+            follower.path = path
+            break
+        found, values, reached = other, other.values, scale
+        if other.level > 0.5 * FOLLOWED:
+            break
+    assert found is not None
+    return found, reached
+
+
+def scale_of(misfit: float) -> float:
+    """The smallest scale of the noise at which a model with a misfit follows."""
+    return next((s for s in ANNEALING[::-1] if misfit < FOLLOWED * s**2), ANNEALING[0])
+
+
+def _each(found: Fit) -> np.ndarray:
+    """(segments,) cost a sample."""
+    one = found.passes[0]
+    return one.local / np.maximum((one.used > 0.0).sum(axis=(1, 2)), 1)
