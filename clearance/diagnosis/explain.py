@@ -21,7 +21,9 @@ from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
 LOOSENESS = 0.15  # of the joint's typical force: unknown forces while hypotheses are looked for
-_GLANCE, _SAME = 40, 0.02  # segments of a first glance; change of the clearance there that asks for new paths
+_GLANCES, _GLANCE = 3, 40  # glances at the clearance, and segments of each
+_FACTORS = (1.0, 0.95, 1.05)  # on it, tried one after another
+_SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on a glance tells nothing
 _LOOKS = 2  # times that recordings are followed anew with better values
 _HOPELESS, _POOR = 0.9, 3.0  # of a base's misfit, and misfit, above which a model is given up on the way
 _FITTED = 4  # hypotheses of one screening that are fitted
@@ -104,19 +106,33 @@ class Search:
     def nominal(self) -> Explanation:
         """Refit the nominal machine; where a glance moves the clearance, paths are sought anew with it."""
         model = self.setting.model()
-        values = np.array([[self.clearance, trace.speed] for trace in self.traces])
-        self.starts = self.begin(self.traces, model, values)
-        surest = int(np.argmin([start.doubt for start in self.starts]))
-        glance = grow(self.starts[surest], model, values[surest], most=_GLANCE)
-        if glance is not None and glance[2] < FOLLOWED and abs(np.log(glance[1][0] / self.clearance)) > _SAME:
-            values[:, 0] = glance[1][0]
-            machine = self.setting.with_clearance(float(glance[1][0]))
-            self.traces = [self.retrace(r, machine) for r in range(len(self.recordings))]
+        for _ in range(_GLANCES):
+            values = np.array([[self.clearance, trace.speed] for trace in self.traces])
             self.starts = self.begin(self.traces, model, values)
+            clearance = self.glance(model, values)
+            if abs(np.log(clearance / self.clearance)) < _SAME:
+                break
+            self.clearance = clearance
+            machine = self.setting.with_clearance(clearance)
+            self.traces = [self.retrace(r, machine) for r in range(len(self.recordings))]
+        values[:, 0] = self.clearance
         found = self.grown((), values)
         assert found is not None
         self.report(f"nominal: misfit {found.misfit:.3g}, clearance {found.fit.values[0, 0] * 1e3:.4f} mm")
         return Explanation(found)
+
+    def glance(self, model: Model, values: np.ndarray) -> float:
+        """The clearance [m] that some steps through the surest recording suggest, or the present one."""
+        surest = int(np.argmin([start.doubt for start in self.starts]))
+        best, misfit = self.clearance, _UNSURE
+        for factor in _FACTORS:
+            row = values[surest] * [factor, 1.0]
+            found = grow(self.starts[surest], model, row, most=_GLANCE)
+            if found is not None and found[2] < misfit:
+                best, misfit = float(found[1][0]), found[2]
+            if misfit < FOLLOWED:
+                break
+        return best
 
     def begin(self, traces: Sequence[Trace], model: Model, values: np.ndarray) -> list[Start]:
         """Where each recording can be followed from by a machine with these values."""

@@ -156,7 +156,7 @@ def _fitted(follower: Follower, model: Model, values: np.ndarray, first: int, la
     found, reached = None, begin
     for scale in [s for s in ANNEALING if s <= begin]:
         path = follower.path.copy()
-        other = fit([follower], model, values, 5, 2e-2, 1, first=first, last=last, scale=scale)
+        other = fit([follower], model, values, 3, 5e-2, 1, first=first, last=last, scale=scale)
         if found is not None and other.level * scale**2 > found.level * reached**2:
             follower.path = path
             break

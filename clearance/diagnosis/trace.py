@@ -71,13 +71,13 @@ def profile(
         workers: threads.
     """
 
-    def misfit(clearances: np.ndarray) -> np.ndarray:
+    def misfit(clearances: np.ndarray, segments: int) -> np.ndarray:
         jobs = [(c, r) for c in clearances for r in range(len(recordings))]
 
         def one(job: tuple[float, int]) -> float:
             c, r = job
             made, known = machine(c), alignments[r]
-            samples = _COMPARED * SAMPLES
+            samples = segments * SAMPLES
             return reconstruct(
                 recordings[r], made.parameters(), loose(made), known.speed, known.angle, samples
             ).misfit
@@ -85,13 +85,17 @@ def profile(
         with ThreadPoolExecutor(workers) as pool:
             return np.array(list(pool.map(one, jobs))).reshape(len(clearances), -1).mean(axis=1)
 
-    coarse = misfit(CLEARANCES)
+    coarse = misfit(CLEARANCES, _COMPARED // 2)
     best = int(np.argmin(coarse))
     low, high = CLEARANCES[max(best - 1, 0)], CLEARANCES[min(best + 1, len(CLEARANCES) - 1)]
-    fine = np.geomspace(low, high, _CLOSER + 2)[1:-1]
-    clearances = np.concatenate([CLEARANCES, fine])
+    fine = np.geomspace(low, high, _CLOSER + 2)
+    closer = misfit(fine, _COMPARED)
+    # the coarse ones saw less of the recordings: they are set level with the others where both were taken
+    level = closer[[0, -1]].mean() - coarse[[max(best - 1, 0), min(best + 1, len(coarse) - 1)]].mean()
+    far = (low > CLEARANCES) | (high < CLEARANCES)
+    clearances = np.concatenate([CLEARANCES[far], fine])
     order = np.argsort(clearances)
-    return Profile(clearances[order], np.concatenate([coarse, misfit(fine)])[order])
+    return Profile(clearances[order], np.concatenate([coarse[far] + level, closer])[order])
 
 
 def loose(machine: SliderCrank) -> tuple[str, ...]:

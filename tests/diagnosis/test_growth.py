@@ -1,0 +1,74 @@
+"""Following step by step: from a wrong clearance, with few sensors, and where physics is missing."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.growth import Start, grow, scale_of
+from clearance.diagnosis.hypothesis import Setting
+from clearance.diagnosis.measured import Measured
+from clearance.diagnosis.search import ANNEALING, FOLLOWED
+from clearance.diagnosis.trace import Trace, aligned
+from clearance.mechanism.drive import SpeedControl
+from clearance.mechanism.guide import StribeckGuide
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.recording.chain import MeasurementChain
+from clearance.recording.recording import Recording
+from clearance.simulation.integrator import Integrator
+from clearance.simulation.layout import Signal
+from clearance.simulation.trajectory import simulate_trajectory
+
+CHAIN, SETTING = MeasurementChain(), Setting(SliderCrank(), "C")
+ROD = (Signal.ROD_B_TRANSVERSE, Signal.ROD_B_AXIAL, Signal.ROD_C_TRANSVERSE, Signal.ROD_C_AXIAL)
+RPM, SETTLED, SECONDS, NOISE = 880.0, 0.3, 0.2, 0.01
+
+
+@cache
+def recorded(setting, clearance, **laws):
+    """A noisy recording of the four channels on the rod."""
+    machine = replace(setting.with_clearance(clearance), drive=SpeedControl(RPM, ramp=0.05), **laws)
+    found = simulate_trajectory(machine, Integrator("runge_kutta_4", 5e-6, 5), SETTLED + SECONDS + 0.02, 2)
+    first = round(SETTLED * CHAIN.base_rate)
+    values = CHAIN.smooth(found.signals[:, list(ROD)])[first :: CHAIN.decimation]
+    values = values[: round(SECONDS * CHAIN.rate)]
+    values = values + NOISE * values.std(axis=0) * np.random.default_rng(1).normal(size=values.shape)
+    names = tuple(s.name.lower() for s in ROD)
+    return Measured.of(Recording(values, names, CHAIN.rate), CHAIN, "one")
+
+
+@cache
+def begun(setting, guess, clearance=3e-4, **laws):
+    """Where to begin with a clearance that may be wrong, the model and the values to begin with."""
+    measured = recorded(setting, clearance, **laws)
+    machine = setting.with_clearance(guess)
+    trace = Trace.of(measured, aligned(measured, machine, (50.0, 150.0)), machine)
+    model, values = setting.model(), np.array([guess, trace.speed])
+    return Start.of(trace, model.held(values), 0.15), model, values
+
+
+def test_a_clearance_that_is_wrong_by_some_per_cent_is_right_at_the_end():
+    start, model, values = begun(SETTING, 0.93 * 3e-4)
+    follower, found, misfit = grow(start, model, values)
+    assert found[0] == pytest.approx(3e-4, rel=2e-3)
+    assert misfit < 1.2
+    assert follower.segments >= 60
+
+
+def test_a_model_that_follows_no_better_than_it_must_is_given_up():
+    start, model, values = begun(SETTING, 3e-4, guide_friction=StribeckGuide(coulomb_force=8.0))
+    assert grow(start, model, values, limit=2.0) is None
+
+
+def test_a_glance_ends_where_it_should_and_leaves_the_start_alone():
+    start, model, values = begun(SETTING, 0.93 * 3e-4)
+    before = start.follower.path.nodes.copy()
+    follower, _, _ = grow(start, model, values, most=30)
+    assert follower.segments == 30
+    np.testing.assert_array_equal(start.follower.path.nodes, before)
+
+
+@pytest.mark.parametrize(("misfit", "scale"), [(1.0, 1.0), (FOLLOWED * 10.0, 10.0), (1e9, ANNEALING[0])])
+def test_the_scale_is_the_smallest_at_which_a_misfit_is_followed(misfit, scale):
+    assert scale_of(misfit) == scale
