@@ -206,6 +206,7 @@ def fit(
     workers: int = 2,
     report: Callable[[int, float, np.ndarray], None] | None = None,
     goal: float = 0.0,
+    tries: int = 4,
     **options: object,
 ) -> Fit:
     """Gauss-Newton with step halving from present paths and values.
@@ -218,6 +219,7 @@ def fit(
         tolerance: stop when the cost falls by less than this share.
         workers: threads.
         goal: cost a sample that is good enough.
+        tries: of damping in one iteration.
         report: called with the iteration, cost and values.
         options: for ``Follower.look``.
     """
@@ -235,7 +237,7 @@ def fit(
             break
         paths = [f.path.copy() for f in followers]
         best: tuple[float, list[Path], list[Pass], np.ndarray] | None = None
-        for _ in range(_TRIES):
+        for _ in range(tries):
             for one, held in zip(passes, local, strict=True):
                 one.solve(np.maximum(damping, held))
             information, score = assemble(passes, model, values)
@@ -323,8 +325,8 @@ def advance(follower: Follower, fixed: Model, segment: int, end: int) -> None:
     for place in range(segment, min(last, follower.segments - 1)):
         follower.path.nodes[place + 1] = follower.arrival(machine, place)
     fit(
-        [follower], fixed, _NOTHING, _CORRECTIONS, 1e-1, 1, goal=_ENOUGH, first=max(segment - _HORIZON, 0),
-        last=last, doubt=0.1,
+        [follower], fixed, _NOTHING, _CORRECTIONS, 1e-1, 1, goal=_ENOUGH,
+        first=max(segment - _HORIZON, 0), last=last, doubt=0.1,
     )  # fmt: skip
 
 
@@ -363,14 +365,13 @@ def islands(mask: np.ndarray, margin: int) -> list[tuple[int, int]]:
 
 AHEAD = 2  # segments that are predicted beyond a new one
 _HORIZON = 6  # segments that are corrected with a new one
-_CORRECTIONS = 2  # iterations of that
+_CORRECTIONS = 3  # iterations of that
 _ENOUGH = 1.05  # cost a sample at which a step is good
 _NOTHING = np.zeros((1, 0))
 GOAL = 1.2  # cost a sample of a stretch that is followed
 _QUIET, _QUIET_MEAN = 0.9, 0.975  # share of segments, and what they cost where all cost 1 on average
 _MANY = 0.3  # share of segments; a step that harms more is a bad step
 _HOLD = 3.0  # damping of segments that a step harmed
-_TRIES = 4  # of damping in one iteration
 _NEAR = 2  # segments around a harmed one that are held with it
 _KNOWN = 1e-3  # factor on the doubt of a node that stays where it is
 

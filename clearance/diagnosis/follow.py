@@ -362,6 +362,8 @@ class Follower:
         begin, end = max(low, 0), min(high, self.segments)
         motion[begin - low : end - low] = self.signals[begin:end][:, :, filtered]
         known = np.isfinite(motion[:, 0, 0]) if len(filtered) else np.ones(high - low, dtype=bool)
+        if not known.any():
+            return np.concatenate([np.full((last - first, SAMPLES, len(filtered)), np.nan), points], axis=2)
         for k in np.flatnonzero(~known):  # unknown motion stays as it is where knowledge ends
             near = np.flatnonzero(known)[np.argmin(np.abs(np.flatnonzero(known) - k))]
             motion[k] = motion[near, -1 if near < k else 0]

@@ -20,7 +20,7 @@ from clearance.diagnosis.trace import Trace
 
 _ISLAND = 6  # segments that must all be followed well where the path is sure
 _EDGES = EDGE + 1  # segments at the ends that cannot be judged
-_CANDIDATES, _PROBED = 4, 16  # islands that are tried, and steps from each
+_CANDIDATES, _PROBED = 4, 14  # islands that are tried, and steps from each
 _BEFORE, _AFTER = 2, 3  # segments around them that are followed first
 _FIRST_FIT = 8  # steps before the parameters are fitted; then whenever their number has doubled
 _SETTLING = 48  # steps from which on each recording's own unknowns are fitted as well
@@ -55,7 +55,7 @@ class Start:
         """
         follower = trace.follower(looseness)
         for scale in (ANNEALING[0], ANNEALING[2]):
-            found = fit([follower], model, _NOTHING, 8, 5e-2, 1, scale=scale)
+            found = fit([follower], model, _NOTHING, 8, 5e-2, 1, tries=2, scale=scale)
         each = _each(found)
         last = max(_EDGES + 1, min(trace.margin, len(each) - _ISLAND - _PROBED - _EDGES))
         worst = np.full(last, np.inf)
@@ -130,8 +130,8 @@ def _landed(follower: Follower, model: Model, island: int) -> Follower:
     own = tightened([follower])[0]
     for scale in (ANNEALING[2], ANNEALING[3], ANNEALING[4]):
         fit(
-            [own], model, _NOTHING, 10, 1e-2, 1, first=island - _BEFORE, last=island + _ISLAND + _AFTER,
-            scale=scale,
+            [own], model, _NOTHING, 6, 3e-2, 1, tries=3, first=island - _BEFORE,
+            last=island + _ISLAND + _AFTER, scale=scale,
         )  # fmt: skip
     return own
 
@@ -156,7 +156,7 @@ def _fitted(follower: Follower, model: Model, values: np.ndarray, first: int, la
     found, reached = None, begin
     for scale in [s for s in ANNEALING if s <= begin]:
         path = follower.path.copy()
-        other = fit([follower], model, values, 3, 5e-2, 1, first=first, last=last, scale=scale)
+        other = fit([follower], model, values, 5, 2e-2, 1, first=first, last=last, scale=scale)
         if found is not None and other.level * scale**2 > found.level * reached**2:
             follower.path = path
             break

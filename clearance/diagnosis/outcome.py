@@ -10,12 +10,13 @@ import numpy as np
 
 from clearance.diagnosis.explain import Explanation, Search, penalised
 from clearance.diagnosis.fit import Model, Unknown
+from clearance.diagnosis.follow import STRUCTURE
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.mismatch import Innovations, innovations, interval, locate, root_mean_square, summary
 from clearance.diagnosis.missing_force import FREE_FORM
 from clearance.diagnosis.nominal_map import nominal_map
-from clearance.diagnosis.search import Attempt, explained
+from clearance.diagnosis.search import ANNEALING, Attempt, explained, refine
 from clearance.diagnosis.signature import signatures
 from clearance.diagnosis.trace import Trace, aligned
 from clearance.diagnosis.verdict import (
@@ -114,7 +115,7 @@ def diagnose(
     search.report("judging on held-out recordings")
     best, nominal = explanation.best, explanation.nominal
     after = _held_out(held_out, search, best)
-    before_attempt = _held_out(held_out, search, nominal) if best is not nominal else after
+    before_attempt = _held_out(held_out, search, nominal, after) if best is not nominal else after
     joint = setting.joint
     errors_after = innovations(after, joint)
     errors_before = innovations(before_attempt, joint, after) if best is not nominal else errors_after
@@ -182,8 +183,17 @@ def diagnose(
     return Outcome(diagnosis, evidence, model.machine(best.fit.values[0]), explanation)
 
 
-def _held_out(held_out: Sequence[Measured], search: Search, attempt: Attempt) -> Attempt:
-    """The attempt's machine beside recordings that it was not fitted to: only their speed is free."""
+def _held_out(
+    held_out: Sequence[Measured], search: Search, attempt: Attempt, beside: Attempt | None = None
+) -> Attempt:
+    """The attempt's machine beside recordings that it was not fitted to: only their speed is free.
+
+    Args:
+        held_out: recordings.
+        search: that made the attempt.
+        attempt: to judge.
+        beside: another machine that was followed on them, from whose path to begin.
+    """
     model, count = attempt.model, attempt.model.shared
     shared = attempt.fit.values[0, :count]
 
@@ -195,23 +205,34 @@ def _held_out(held_out: Sequence[Measured], search: Search, attempt: Attempt) ->
         lambda v: model.machine(whole(v)),
         lambda v: model.instrument(whole(v)),
     )
-    speeds = [abs(known.speed) for known in search.alignments]
-    near = (0.5 * min(speeds), 2.0 * max(speeds))
-    machine = model.machine(attempt.fit.values[0])
-    instrument = model.instrument(attempt.fit.values[0])
+    machine, instrument = model.machine(attempt.fit.values[0]), model.instrument(attempt.fit.values[0])
+    found: Attempt | None
+    if beside is not None and _alike(machine, beside.model.machine(beside.fit.values[0])):
+        speeds = beside.fit.values[:, -1:]
+        found = refine((), only_speed, beside.followers, speeds, ANNEALING[1], 8, search.workers)
+    else:
+        near = [abs(known.speed) for known in search.alignments]
 
-    def one(measured: Measured) -> Trace:
-        return Trace.of(measured, aligned(measured, machine, near), machine, instrument)
+        def one(measured: Measured) -> Trace:
+            known = aligned(measured, machine, (0.5 * min(near), 2.0 * max(near)))
+            return Trace.of(measured, known, machine, instrument)
 
-    with ThreadPoolExecutor(search.workers) as pool:
-        traces = list(pool.map(one, held_out))
-    values = np.array([[trace.speed] for trace in traces])
-    found = search.grown((), values, search.begin(traces, only_speed, values), model=only_speed)
+        with ThreadPoolExecutor(search.workers) as pool:
+            traces = list(pool.map(one, held_out))
+        values = np.array([[trace.speed] for trace in traces])
+        found = search.grown((), values, search.begin(traces, only_speed, values), model=only_speed)
     assert found is not None
+    values = found.fit.values
     found.fit.values = np.concatenate(
         [np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1
     )
     return found
+
+
+def _alike(one: SliderCrank, other: SliderCrank) -> bool:
+    """Whether two machines have the same coordinates."""
+    rows = list(STRUCTURE)
+    return bool((one.codes()[rows] == other.codes()[rows]).all())
 
 
 def _fit_numbers(before: Sequence[Innovations], after: Sequence[Innovations]) -> dict[str, Any]:
@@ -290,9 +311,7 @@ def _missing_force(search: Search, nominal: Attempt) -> list[dict[str, Any]]:
     """Unknown forces beside the nominal model: what it lacks, over time, with 95 % bands."""
     free = search.loosened(nominal)
     found = []
-    for trace, follower, one in zip(
-        search.traces, free.followers, free.fit.passes, strict=True
-    ):
+    for trace, follower, one in zip(search.traces, free.followers, free.fit.passes, strict=True):
         middle = one.signals[:, one.signals.shape[1] // 2]
         angle = np.degrees(middle[:, Signal.CRANK_ANGLE] % (2.0 * np.pi))
         inputs = follower.path.inputs

@@ -107,9 +107,7 @@ def _columns(
     return columns
 
 
-def screen(
-    attempt: Attempt, groups: Sequence[Sequence[Hypothesis]], joint: str, workers: int
-) -> "Screening":
+def screen(attempt: Attempt, groups: Sequence[Sequence[Hypothesis]], joint: str, workers: int) -> "Screening":
     """Look at all hypotheses, alone and in pairs, beside a fitted model.
 
     Args:

@@ -160,7 +160,7 @@ class Trace:
     @property
     def margin(self) -> int:
         """Segments that following may skip at the beginning."""
-        return min((len(self.path.nodes) - 2 * _SKIPPED) // 3, self.length // 2)
+        return min((len(self.path.nodes) - 2 * _SKIPPED) // 2, self.length)
 
     def forces(self, looseness: float) -> np.ndarray:
         """(inputs,) unknown forces of a share of the joint's typical force [N m, N m, N]."""
