@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 
 from clearance.errors import InputError
 from clearance.mechanism.drive import SpeedControl
+from clearance.mechanism.frame import FixedFrame
 from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.integrator import Integrator
@@ -51,6 +52,7 @@ class Cycle:
             joint_b=replace(machine.joint_b, clearance=0.0),
             joint_c=replace(machine.joint_c, clearance=0.0),
             drive=stiff,
+            frame=FixedFrame(),  # a frame that moves answers to the speed by more than a power of it
         )
         run = simulate_trajectory(tight, Integrator("runge_kutta_4", step), 2.5 * period, 4)
         angle = run.states[:, State.CRANK_ANGLE] * np.sign(speed)

@@ -25,13 +25,14 @@ _GLANCES, _GLANCE = 3, 40  # glances at the clearance, and segments of each
 _FACTORS = (1.0, 0.95, 1.05)  # on it, tried one after another
 _SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on a glance tells nothing
 _LOOKS = 2  # times that recordings are followed anew with better values
-_HOPELESS, _POOR = 0.9, 3.0  # of a base's misfit, and misfit, above which a model is given up on the way
+_HOPELESS, _POOR = 1.0, 3.0  # of a base's misfit, and misfit, above which a model is given up on the way
 _FITTED = 4  # hypotheses of one screening that are fitted
 _HOPEFUL = 0.1  # of the best one's gain: less is not fitted
 _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
 _TRIALS = 3  # plausible shapes of an effect that are tried where no linear look can judge it
 _NEARLY = 4.0  # misfit up to which a model is worth another look
+_HALFWAY = 0.3  # of the base's misfit: such a model is worth a path of its own
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
 _PAIRS = 3  # pairs that are fitted
 _CURVES = 3  # forces of free form that are fitted
@@ -249,14 +250,29 @@ class Search:
             if explained(found):
                 return found
             values = found.fit.values
+        limit, starts = max(_HOPELESS * base.misfit, _POOR), self.starts
         for _ in range(_LOOKS):  # torn impacts are met better with the right values
-            other = self.grown(held, values, limit=max(_HOPELESS * base.misfit, _POOR))
+            other = self.grown(held, values, starts, limit)
+            if other is None and found is None:  # what is missing may have led the clearance astray
+                values = values.copy()
+                values[:, 0] = self.clearance
+                continue
             if found is None or (other is not None and other.misfit < found.misfit):
                 found = other
-            if found is None or whole(found) or found.misfit > _NEARLY:
+            if found is None or whole(found) or found.misfit > max(_NEARLY, _HALFWAY * base.misfit):
                 break
             values = found.fit.values
+            if found.misfit > _NEARLY:  # on a path of its own, its sensors' faults undone
+                starts = self.anew(found)
         return found
+
+    def anew(self, attempt: Attempt) -> list[Start]:
+        """Where the recordings can be followed from with an attempt's machine and instruments."""
+        traces = []
+        for r, row in enumerate(attempt.fit.values):
+            machine, instrument = attempt.model.machine(row), attempt.model.instrument(row)
+            traces.append(Trace.of(self.recordings[r], self.alignments[r], machine, instrument))
+        return self.begin(traces, attempt.model, attempt.fit.values)
 
     def keep(
         self, explanation: Explanation, held: Sequence[Hypothesis], make: Callable[[], Attempt | None]

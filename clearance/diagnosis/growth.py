@@ -21,10 +21,11 @@ from clearance.diagnosis.trace import Trace
 _ISLAND = 6  # segments that must all be followed well where the path is sure
 _EDGES = EDGE + 1  # segments at the ends that cannot be judged
 _CANDIDATES, _PROBED = 4, 14  # islands that are tried, and steps from each
+_LOST = 5.0  # doubt from which on steps without unknown forces have not come to follow
 _BEFORE, _AFTER = 2, 3  # segments around them that are followed first
 _FIRST_FIT = 8  # steps before the parameters are fitted; then whenever their number has doubled
 _SETTLING = 48  # steps from which on each recording's own unknowns are fitted as well
-_JUDGED = 16  # steps before a model may be given up
+_JUDGED = 32  # steps before a model may be given up
 _NOTHING = np.zeros((1, 0))
 
 
@@ -61,6 +62,7 @@ class Start:
         worst = np.full(last, np.inf)
         for i in range(_EDGES, last):
             worst[i] = each[i : i + _ISLAND].max()
+        surest = int(np.argmin(worst))
         best: Start | None = None
         for _ in range(_CANDIDATES):
             island = int(np.argmin(worst))
@@ -71,7 +73,8 @@ class Start:
             best = start if best is None or start.doubt < best.doubt else best
             if best.doubt < FOLLOWED:
                 break
-        assert best is not None
+        if best is None or best.doubt > _LOST:  # physics is missing: better the path with unknown forces
+            return Start(trace, follower, surest, np.inf if best is None else best.doubt)
         return best
 
     def without(self, channel: str) -> "Start":
