@@ -11,7 +11,8 @@ from clearance.diagnosis.fit import Model
 from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.growth import Start, grow, scale_of
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
-from clearance.diagnosis.measured import Measured
+from clearance.diagnosis.instrument import Instrument
+from clearance.diagnosis.measured import NO_FAULT, Measured
 from clearance.diagnosis.missing_force import free_form
 from clearance.diagnosis.screening import Hint, screen, shapes
 from clearance.diagnosis.search import ANNEALING, FOLLOWED, Attempt, explained, loosen, refine, whole
@@ -90,9 +91,7 @@ class Search:
         self.profile = profile(self.recordings, self.alignments, self.setting.with_clearance, self.workers)
         self.clearance = self.profile.best
         machine = self.setting.with_clearance(self.clearance)
-        self.traces = [
-            Trace.of(one, known, machine) for one, known in zip(self.recordings, self.alignments, strict=True)
-        ]
+        self.traces = [self.retrace(r, machine) for r in range(len(self.recordings))]
         self.report(f"the motion alone suggests a clearance of {self.clearance * 1e3:.3f} mm")
 
     @property
@@ -268,11 +267,12 @@ class Search:
 
     def anew(self, attempt: Attempt) -> list[Start]:
         """Where the recordings can be followed from with an attempt's machine and instruments."""
-        traces = []
-        for r, row in enumerate(attempt.fit.values):
-            machine, instrument = attempt.model.machine(row), attempt.model.instrument(row)
-            traces.append(Trace.of(self.recordings[r], self.alignments[r], machine, instrument))
-        return self.begin(traces, attempt.model, attempt.fit.values)
+        model = attempt.model
+        traces = [
+            self.retrace(r, model.machine(row), model.instrument(row))
+            for r, row in enumerate(attempt.fit.values)
+        ]
+        return self.begin(traces, model, attempt.fit.values)
 
     def keep(
         self, explanation: Explanation, held: Sequence[Hypothesis], make: Callable[[], Attempt | None]
@@ -378,9 +378,9 @@ class Search:
             if explained(explanation.best):
                 return
 
-    def retrace(self, r: int, machine: SliderCrank) -> Trace:
-        """The path of a recording for another machine."""
-        return Trace.of(self.recordings[r], self.alignments[r], machine)
+    def retrace(self, r: int, machine: SliderCrank, instrument: Instrument = NO_FAULT) -> Trace:
+        """The path of a recording for another machine, or with faults of its sensors undone."""
+        return Trace.of(self.recordings[r], self.alignments[r], machine, instrument)
 
     def begun(self, hypothesis: Hypothesis, model: Model, row: np.ndarray, r: int) -> Start:
         """Where a recording can be followed from with a hypothesis: anew where it adds coordinates."""

@@ -9,6 +9,7 @@ import pytest
 from clearance.diagnosis.alignment import Cycle, align
 from clearance.errors import InputError
 from clearance.mechanism.drive import SpeedControl
+from clearance.mechanism.frame import FlexibleFrame
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.chain import MeasurementChain
@@ -65,6 +66,17 @@ def test_the_clearance_of_the_machine_does_not_matter():
     other = replace(machine, joint_c=Joint(1e-3), drive=SpeedControl(300.0))
     first, second = (align(m, values[:, list(ROD)], ROD, CHAIN.rate, RANGE) for m in (machine, other))
     assert first == second
+
+
+def test_a_frame_that_is_known_to_move_does_not_mislead():
+    machine, values, speed, _ = recorded("C", 3e-4, 700.0)
+    frame = FlexibleFrame()
+    signals = (*ROD, Signal.CRANK_A_AXIAL, Signal.SLIDER_VERTICAL)
+    shaken = values[:, list(signals)]
+    shaken[:, -2:] = 0.2 * np.random.default_rng(3).normal(size=(len(shaken), 2))
+    found, _, explained = align(replace(machine, frame=frame), shaken, signals, CHAIN.rate, RANGE)
+    assert found == pytest.approx(speed, rel=5e-3)
+    assert explained > 0.3
 
 
 def test_an_encoder_is_believed():

@@ -14,6 +14,7 @@ from clearance.diagnosis.effect import (
     load_effects,
     read_effect,
 )
+from clearance.diagnosis.hypothesis import of_effect
 from clearance.diagnosis.instrument import Instrument
 from clearance.errors import InputError
 from clearance.mechanism.drive import DirectCurrentMotor, SpeedControl
@@ -237,3 +238,12 @@ def test_what_an_effect_cannot_do_is_said():
     (drive,) = load_effects("soft_drive")
     with pytest.raises(InputError, match=r"mechanism\.drive\.proportional: DirectCurrentMotor has no"):
         drive.machine(replace(NOMINAL, drive=DirectCurrentMotor()), "C", {"proportional": 1.0})
+
+
+def test_a_phase_of_zero_can_be_fitted_and_a_count_cannot():
+    ripple = next(v for v in VARIANTS if v.name == "torque_ripple")
+    trial = next(h for h in of_effect(ripple, NOMINAL, "C") if h.start[2] == 0.0)
+    amplitude, order, phase = trial.unknowns
+    assert phase.step > 1e-6  # a smaller one drowns in rounding
+    assert order.low == order.high == trial.start[1]
+    assert amplitude.low < amplitude.high

@@ -12,7 +12,7 @@ from clearance.diagnosis.chart import Chart
 from clearance.diagnosis.fit import fit, islands, solve_bounded
 from clearance.diagnosis.follow import EDGE, INPUTS, Follower
 from clearance.diagnosis.hypothesis import Setting
-from clearance.diagnosis.measured import SAMPLES, Measured
+from clearance.diagnosis.measured import NO_FAULT, SAMPLES, Measured
 from clearance.lanes import WIDTH
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.guide import StribeckGuide
@@ -211,6 +211,17 @@ def test_a_wrong_clearance_and_missing_friction_are_felt():
         ratio, known = (((p.innovation / p.spread)[INSIDE] ** 2).mean() for p in (found, right))
         assert ratio > 3.0 * known
         assert found.cost > 3.0 * right.cost
+
+
+def test_the_column_of_a_gain_is_the_predicted_signal_and_not_its_noise():
+    one = follower(noise=0.3)
+    channel = one.measured.channels[2]
+    step = 1e-4
+    found = one.look(MACHINE, [None], NO_FAULT, [NO_FAULT.changed("gain", 1.0 + step, channel)])
+    rows = found.system[7].reshape(found.residual.shape)
+    expected = step * found.predicted / one.measured.sigma * found.used
+    expected[..., [i for i in range(len(one.measured.channels)) if i != 2]] = 0.0
+    np.testing.assert_allclose(rows, expected, atol=1e-3 * np.abs(expected).max())
 
 
 def test_a_part_of_a_follower_is_its_own():
