@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _reflect(r: np.ndarray, b: np.ndarray, rows: int, n: int, total: int) -> None:
     """Annihilate the first ``n`` columns of ``b[:rows]`` against the triangle ``r``."""
     projection = np.zeros(total)
@@ -45,17 +45,34 @@ def _reflect(r: np.ndarray, b: np.ndarray, rows: int, n: int, total: int) -> Non
                     b[i, c] -= bij * projection[c]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _predict(r: np.ndarray, n: int, last: int, row: np.ndarray, mean: np.ndarray, half: np.ndarray) -> float:
-    """Variance of one measurement's prediction from the triangle ``r``; ``mean`` solves r mean = rhs."""
-    variance = 1.0
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _predict(
+    r: np.ndarray, b: np.ndarray, n: int, half: np.ndarray, innovation: np.ndarray, spread: np.ndarray
+) -> None:
+    """Errors of the measurements ``b`` predicted from the triangle ``r``, and their standard deviations.
+
+    With R the triangle, d its right-hand side and H the measurements' derivatives, the prediction is
+    H R^-1 d and its covariance H R^-1 (H R^-1)'; ``half`` is (H R^-1)', all measurements side by side.
+    """
+    rows, last = innovation.size, b.shape[1] - 1
+    for i in range(rows):
+        innovation[i] = b[i, last]
+        spread[i] = 1.0
     for j in range(n):
-        total = row[j]
-        for i in range(j):
-            total -= r[i, j] * half[i]
-        half[j] = total / r[j, j]
-        variance += half[j] * half[j]
-    return variance
+        for i in range(rows):
+            half[j, i] = b[i, j]
+        for c in range(j):
+            factor = r[c, j]
+            if factor != 0.0:
+                for i in range(rows):
+                    half[j, i] -= factor * half[c, i]
+        inverse, right = 1.0 / r[j, j], r[j, last]
+        for i in range(rows):
+            half[j, i] *= inverse
+            innovation[i] -= half[j, i] * right
+            spread[i] += half[j, i] * half[j, i]
+    for i in range(rows):
+        spread[i] = np.sqrt(spread[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -103,7 +120,7 @@ def eliminate(
     last = total - 1
     r = np.zeros((n, total))
     b = np.zeros((max(rows, 2 * nv), total))
-    mean, half = np.zeros(n), np.zeros(n)
+    half = np.zeros((n, rows))
     for j in range(nz):
         r[j, j] = 1.0 / prior[j]
     for j in range(nw):
@@ -128,17 +145,7 @@ def eliminate(
             for j in range(parameters):
                 b[i, n + j] = sensitivity[k, i, j]
             b[i, last] = residual[k, i]
-        for j in range(n - 1, -1, -1):
-            value = r[j, last]
-            for c in range(j + 1, n):
-                value -= r[j, c] * mean[c]
-            mean[j] = value / r[j, j]
-        for i in range(rows):
-            value = b[i, last]
-            for j in range(n):
-                value -= b[i, j] * mean[j]
-            innovation[k, i] = value
-            spread[k, i] = np.sqrt(_predict(r, n, last, b[i], mean, half))
+        _predict(r, b, n, half, innovation[k], spread[k])
         _reflect(r, b, rows, n, total)
         for i in range(rows):
             for j in range(n, total):

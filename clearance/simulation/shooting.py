@@ -15,7 +15,7 @@ from math import asin, cos, sin
 import numpy as np
 
 from clearance.compilation import entry, subroutine
-from clearance.lanes import WIDTH
+from clearance.lanes import WIDTH, get, put, zero
 from clearance.mechanism.choice import chosen
 from clearance.mechanism.parameters import JOINT_STRIDE, Family, Parameter
 from clearance.simulation.equations import evaluate
@@ -148,7 +148,7 @@ def shoot(
         blocks: (segments, 3 m, filtered, WIDTH) written: contributions to the filtered samples.
         samples: (segments, m, points, WIDTH) written.
     """
-    rows, width = weights.shape[0], p.shape[1]
+    rows, width, count = weights.shape[0], p.shape[1], filtered.size
     m = rows // 3
     every = periods // m
     r = work[:RESULTS]
@@ -156,6 +156,8 @@ def shoot(
     s = work[RESULTS + WORKSPACE : RESULTS + WORKSPACE + STATES]
     y = work[RESULTS + WORKSPACE + STATES :]
     node = np.zeros(STATES)
+    heard = np.empty((count * periods, width))  # what passes the filter, at the base rate
+    mixed = blocks.reshape(nodes.shape[0] * rows * count, width)
     own = p[input_rows, :].copy() if input_rows.size else np.zeros((0, width))
     for k in range(nodes.shape[0]):
         for i in range(input_rows.size):
@@ -167,18 +169,14 @@ def shoot(
                 node[varied[lane]] += change[lane]
             unfold(codes, p, node, s, lane)
         project(codes, p, s)
-        blocks[k] = 0.0
         for i in range(periods):
             evaluate(codes, p, s, r)
             remember(codes, s, r)
             sense(codes, p, s, r, y, 0)
             for c in range(SIGNALS):
                 signals[k, i, c] = y[c, 0]
-            for j in range(rows):
-                weight = weights[j, i]
-                for c in range(filtered.size):
-                    for lane in range(width):
-                        blocks[k, j, c, lane] += weight * y[filtered[c], lane]
+            for c in range(count):
+                put(heard, c * periods + i, get(y, filtered[c]))
             if i % every == 0:
                 contacts[k, i // every, 0] = r[Result.PENETRATION_B, 0]
                 contacts[k, i // every, 1] = r[Result.NORMAL_FORCE_B, 0]
@@ -190,6 +188,17 @@ def shoot(
             sample_period(codes, p, s, r, w, scheme, h, substeps, refinement)
         for lane in range(width):
             fold(codes, p, s, lane, ends[k, lane])
+        for c in range(count):
+            for j in range(m):  # three sums in registers: the filter costs as much as the motion otherwise
+                before = after = amid = zero(get(heard, 0))
+                for i in range(periods):
+                    value = get(heard, c * periods + i)
+                    before += weights[j, i] * value
+                    amid += weights[m + j, i] * value
+                    after += weights[2 * m + j, i] * value
+                put(mixed, (k * rows + j) * count + c, before)
+                put(mixed, (k * rows + m + j) * count + c, amid)
+                put(mixed, (k * rows + 2 * m + j) * count + c, after)
     for i in range(input_rows.size):
         for lane in range(width):
             p[input_rows[i], lane] = own[i, lane]
