@@ -3,14 +3,18 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 
-from clearance.diagnosis.follow import Follower, Pass, Path
+from clearance.diagnosis.follow import Comparison, Follower, Pass, Path
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -94,22 +98,20 @@ class Model:
 
 
 @dataclass
-class Fit:
-    """Parameters found, and how well they are known.
+class Settled:
+    """Where a fit has come to rest.
 
     Attributes:
         model: what was fitted.
         values: (recordings, unknowns).
-        information: (P, P) of all parameters: shared ones, then each recording's own [1/unit^2].
         cost: robust sum of squares.
-        passes: the last linearisation of each recording.
+        passes: each recording beside its path.
     """
 
     model: Model
     values: np.ndarray
-    information: np.ndarray
     cost: float
-    passes: list[Pass]
+    passes: Sequence[Comparison]
 
     @property
     def level(self) -> float:
@@ -117,10 +119,21 @@ class Fit:
 
         A few segments where an impact was put together wrongly say nothing about the model.
         """
-        each = np.concatenate([
-            p.local[m > 0] / m[m > 0] for p in self.passes for m in [(p.used > 0.0).sum(axis=(1, 2))]
-        ])  # fmt: skip
+        each = np.concatenate([p.each[(p.used > 0.0).any(axis=(1, 2))] for p in self.passes])
         return float(np.sort(each)[: max(1, round(_QUIET * len(each)))].mean() / _QUIET_MEAN)
+
+
+@dataclass
+class Fit(Settled):
+    """Parameters found, and how well they are known.
+
+    Attributes:
+        passes: the linearisation of each recording.
+        information: (P, P) of all parameters: shared ones, then each recording's own [1/unit^2].
+    """
+
+    passes: Sequence[Pass]
+    information: np.ndarray
 
     def deviations(self) -> np.ndarray:
         """(P,) standard deviations of all parameters."""
@@ -143,7 +156,23 @@ def observe(
             **options,  # type: ignore[arg-type]
         )
 
-    jobs = list(zip(followers, values, strict=True))
+    return _in_parallel(one, list(zip(followers, values, strict=True)), workers)
+
+
+def compare(
+    followers: Sequence[Follower], model: Model, values: np.ndarray, workers: int = 2, **options: object
+) -> list[Comparison]:
+    """Set all recordings beside their present paths."""
+    without = {key: value for key, value in options.items() if key != "doubt"}
+
+    def one(job: tuple[Follower, np.ndarray]) -> Comparison:
+        follower, own = job
+        return follower.compare(model.machine(own), model.instrument(own), **without)  # type: ignore[arg-type]
+
+    return _in_parallel(one, list(zip(followers, values, strict=True)), workers)
+
+
+def _in_parallel(one: Callable[[Job], Result], jobs: list[Job], workers: int) -> list[Result]:
     if workers == 1 or len(jobs) == 1:
         return [one(job) for job in jobs]
     with ThreadPoolExecutor(workers) as pool:
@@ -204,11 +233,30 @@ def fit(
     iterations: int = 10,
     tolerance: float = 1e-3,
     workers: int = 2,
+    **options: Any,
+) -> Fit:
+    """Settle, and say how well the parameters are known; arguments as of ``settle``."""
+    found = settle(followers, model, values, iterations, tolerance, workers, **options)
+    about = {key: value for key, value in options.items() if key not in _SETTLING}
+    passes = observe(followers, model, found.values, workers, **about)
+    for one in passes:
+        one.solve()
+    information, _ = assemble(passes, model, found.values)
+    return Fit(model, found.values, found.cost, passes, information)
+
+
+def settle(
+    followers: Sequence[Follower],
+    model: Model,
+    values: np.ndarray,
+    iterations: int = 10,
+    tolerance: float = 1e-3,
+    workers: int = 2,
     report: Callable[[int, float, np.ndarray], None] | None = None,
     goal: float = 0.0,
     tries: int = 4,
     **options: object,
-) -> Fit:
+) -> Settled:
     """Gauss-Newton with step halving from present paths and values.
 
     Args:
@@ -218,25 +266,26 @@ def fit(
         iterations: at most.
         tolerance: stop when the cost falls by less than this share.
         workers: threads.
+        report: called with the iteration, cost and values.
         goal: cost a sample that is good enough.
         tries: of damping in one iteration.
-        report: called with the iteration, cost and values.
         options: for ``Follower.look``.
     """
     values = values.copy()
     low = np.array([u.low for u in model.unknowns])
     high = np.array([u.high for u in model.unknowns])
-    passes = observe(followers, model, values, workers, **options)
-    cost = sum(p.cost for p in passes)
+    seen = compare(followers, model, values, workers, **options)
+    cost = sum(c.cost for c in seen)
     first = int(options.get("first", 0))  # type: ignore[call-overload]
-    samples = sum(p.samples for p in passes)
+    samples = sum(c.samples for c in seen)
     damping = 0.0
-    local = [np.zeros(len(p.local)) for p in passes]
+    local = [np.zeros(len(c.local)) for c in seen]
     for iteration in range(iterations):
         if cost < goal * samples:
             break
+        passes = observe(followers, model, values, workers, **options)
         paths = [f.path.copy() for f in followers]
-        best: tuple[float, list[Path], list[Pass], np.ndarray] | None = None
+        best: tuple[float, list[Path], list[Comparison], np.ndarray] | None = None
         for _ in range(tries):
             for one, held in zip(passes, local, strict=True):
                 one.solve(np.maximum(damping, held))
@@ -246,7 +295,7 @@ def fit(
             change = _spread(solve_bounded(information, score, lows, highs), model, len(followers))
             moved = values + change
             trial = _step(followers, model, values, moved, passes, first, workers, options)
-            new = sum(p.cost for p in trial) if trial is not None else np.inf
+            new = sum(c.cost for c in trial) if trial is not None else np.inf
             if trial is not None and new < min(cost * (1.0 + 1e-9), best[0] if best else np.inf):
                 best = new, [f.path.copy() for f in followers], trial, moved
             torn = [_harmed(p, t) for p, t in zip(passes, trial, strict=True)] if trial is not None else []
@@ -263,13 +312,13 @@ def fit(
                     held[near] = np.maximum(30.0 * held[near], _HOLD)
             for follower, path in zip(followers, paths, strict=True):
                 follower.path = path.copy()
-        if best is None:
-            for follower, path in zip(followers, paths, strict=True):
-                follower.path = path
-            break
-        for follower, path in zip(followers, best[1], strict=True):
+        for follower, path in zip(followers, paths if best is None else best[1], strict=True):
             follower.path = path
-        fall, cost, passes, values = cost - best[0], best[0], best[2], best[3]
+        if best is None or trial is not best[2]:  # the motion last computed was another path's
+            seen = compare(followers, model, values if best is None else best[3], workers, **options)
+        if best is None:
+            break
+        fall, cost, seen, values = cost - best[0], best[0], best[2], best[3]
         settled = damping == 0.0
         damping = damping / 10.0 if damping > 0.1 else 0.0
         local = [np.where(held > 0.1, held / 10.0, 0.0) for held in local]
@@ -277,10 +326,7 @@ def fit(
             report(iteration, cost, values)
         if fall < tolerance * cost and settled:
             break
-    for one in passes:
-        one.solve()
-    information, _ = assemble(passes, model, values)
-    return Fit(model, values, information, cost, passes)
+    return Settled(model, values, cost, seen)
 
 
 def _step(
@@ -292,20 +338,20 @@ def _step(
     first: int,
     workers: int,
     options: dict[str, object],
-) -> list[Pass] | None:
-    """Take a Gauss-Newton step and linearise again; ``None`` where it leads nowhere a machine can be."""
+) -> list[Comparison] | None:
+    """Take a Gauss-Newton step and look again; ``None`` where it leads nowhere a machine can be."""
     if not np.isfinite(moved).all():
         return None
     for r, (follower, one) in enumerate(zip(followers, passes, strict=True)):
         steps = np.array([model.step(values[r], i) for i in range(len(model.unknowns))])
         follower.move(one.change((moved - values)[r] / steps), one.chart, first)
     try:
-        return observe(followers, model, moved, workers, **options)
+        return compare(followers, model, moved, workers, **options)
     except InputError:  # a law does not take these values
         return None
 
 
-def _harmed(before: Pass, after: Pass) -> np.ndarray:
+def _harmed(before: Comparison, after: Comparison) -> np.ndarray:
     """(segments,) where a step did harm: an impact that it tore apart must not hold up all other segments."""
     rows = before.residual[0].size
     return ~(after.local < before.local + 0.5 * rows) & ~(after.local < 3.0 * rows)
@@ -324,7 +370,7 @@ def advance(follower: Follower, fixed: Model, segment: int, end: int) -> None:
     last = min(segment + 1 + AHEAD, end)
     for place in range(segment, min(last, follower.segments - 1)):
         follower.path.nodes[place + 1] = follower.arrival(machine, place)
-    fit(
+    settle(
         [follower], fixed, _NOTHING, _CORRECTIONS, 1e-1, 1, goal=_ENOUGH,
         first=max(segment - _HORIZON, 0), last=last, doubt=0.1,
     )  # fmt: skip
@@ -338,7 +384,7 @@ def mend(follower: Follower, fixed: Model, first: int, last: int) -> None:
 
     def joined(scales: Sequence[float]) -> float:
         for scale in scales:
-            found = fit(
+            found = settle(
                 [follower], fixed, _NOTHING, 4, 5e-2, 1, goal=GOAL if scale == 1.0 else 0.0,
                 first=first, last=last, scale=scale, doubt=_KNOWN, inside=inside,
             )  # fmt: skip
@@ -368,6 +414,7 @@ _HORIZON = 6  # segments that are corrected with a new one
 _CORRECTIONS = 3  # iterations of that
 _ENOUGH = 1.05  # cost a sample at which a step is good
 _NOTHING = np.zeros((1, 0))
+_SETTLING = ("report", "goal", "tries")  # what only ``settle`` wants to know
 GOAL = 1.2  # cost a sample of a stretch that is followed
 _QUIET, _QUIET_MEAN = 0.9, 0.975  # share of segments, and what they cost where all cost 1 on average
 _MANY = 0.3  # share of segments; a step that harms more is a bad step

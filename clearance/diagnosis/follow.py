@@ -7,7 +7,7 @@ no run is longer than a segment and chaos never gets the time to spoil the compa
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.batch import aligned
 from clearance.simulation.integrator import Integrator
 from clearance.simulation.layout import SIGNALS, STATES
-from clearance.simulation.shooting import WORK_ROWS, shoot
+from clearance.simulation.shooting import WORK_ROWS, coast, shoot
 
 OUTLIER = 4.0  # standard deviations beyond which a row loses weight (Huber)
 EDGE = 2  # segments at a stretch's ends whose samples feel too much of what lies outside
@@ -60,12 +60,12 @@ class Path:
 
 
 @dataclass
-class Pass:
-    """One linearisation of a stretch; ``solve`` eliminates its states.
+class Comparison:
+    """A stretch of a path beside the recording.
 
     Attributes:
         chart: the unknowns.
-        cost: robust sum of squares, to be compared between passes over the same stretch.
+        cost: robust sum of squares, to be compared between looks at the same stretch.
         local: (segments,) its parts.
         residual: (segments, samples, channels) measured minus predicted, in standard deviations of noise.
         values: (segments, samples, channels) measured, faults of instruments undone.
@@ -74,14 +74,6 @@ class Pass:
         contacts: (segments, samples, 4) penetration and normal force of B and of C.
         predicted: (segments, samples, channels).
         signals: (segments, base samples, SIGNALS) unfiltered.
-        system: arguments of ``eliminate``: flow, defect, inputs, own, prior, damping, jacobian,
-            sensitivity, residual.
-        reach: (nz + inputs,) change of each unknown that the linearisation surely bears.
-        gram: (P + 1, P + 1) inner products of what the states cannot explain: parameters, residual.
-        parts: (segments, P) shares of the segments in the gram's last column: their scores.
-        innovation: (segments, samples, channels) residual against the prediction from earlier segments.
-        spread: (segments, samples, channels) its standard deviation; both in those of the noise.
-        kept: eliminated rows.
     """
 
     chart: Chart
@@ -94,6 +86,34 @@ class Pass:
     contacts: np.ndarray
     predicted: np.ndarray
     signals: np.ndarray
+
+    @property
+    def samples(self) -> int:
+        """Residuals with weight."""
+        return int((self.used > 0.0).sum())
+
+    @property
+    def each(self) -> np.ndarray:
+        """(segments,) robust cost a sample; infinite where no sample has weight."""
+        count = (self.used > 0.0).sum(axis=(1, 2))
+        return np.where(count > 0, self.local / np.maximum(count, 1), np.inf)
+
+
+@dataclass
+class Pass(Comparison):
+    """One linearisation of a stretch; ``solve`` eliminates its states.
+
+    Attributes:
+        system: arguments of ``eliminate``: flow, defect, inputs, own, prior, damping, jacobian,
+            sensitivity, residual.
+        reach: (nz + inputs,) change of each unknown that the linearisation surely bears.
+        gram: (P + 1, P + 1) inner products of what the states cannot explain: parameters, residual.
+        parts: (segments, P) shares of the segments in the gram's last column: their scores.
+        innovation: (segments, samples, channels) residual against the prediction from earlier segments.
+        spread: (segments, samples, channels) its standard deviation; both in those of the noise.
+        kept: eliminated rows.
+    """
+
     system: tuple[np.ndarray, ...]
     reach: np.ndarray
     gram: np.ndarray = field(init=False)
@@ -125,11 +145,6 @@ class Pass:
         solution = np.zeros(self.kept.shape[:2])
         substitute(self.kept, parameters, solution)
         return solution
-
-    @property
-    def samples(self) -> int:
-        """Residuals with weight."""
-        return int((self.used > 0.0).sum())
 
 
 @dataclass
@@ -169,6 +184,33 @@ class Follower:
         small.path = Path(self.path.nodes[first:last].copy(), self.path.inputs[first:last].copy())
         return small
 
+    def compare(
+        self,
+        machine: SliderCrank,
+        instrument: Instrument = NO_FAULT,
+        first: int = 0,
+        last: int | None = None,
+        scale: float = 1.0,
+        looseness: float = 1.0,
+        inside: bool = False,
+    ) -> Comparison:
+        """Set segments ``first`` to ``last`` of the present path beside the recording, without derivatives.
+
+        Args:
+            machine: the model.
+            instrument: faults of the instruments.
+            first: first segment.
+            last: one beyond the last segment; all if ``None``.
+            scale: factor on the noise, above 1 while far from a solution.
+            looseness: factor on the process noise.
+            inside: whether the path is known on both sides: the last node then stays where it is.
+        """
+        last = self.segments if last is None else last
+        ends, contacts = self._coast(machine, first, last)
+        return self._compared(
+            Chart.of(machine), instrument, first, last, ends, contacts, scale, looseness, inside
+        )
+
     def look(
         self,
         machine: SliderCrank,
@@ -189,12 +231,12 @@ class Follower:
             columns: the model with one parameter changed each; ``None``: it is no parameter of the machine.
             instrument: faults of the instruments.
             faults: for each column the instruments with the parameter changed; ``None``: none of theirs.
-            first: first segment.
-            last: one beyond the last segment; all if ``None``.
-            scale: factor on the noise, above 1 while far from a solution.
+            first: as in ``compare``, like the following.
+            last: one beyond the last segment.
+            scale: factor on the noise.
             looseness: factor on the process noise.
             doubt: factor on how far the first node may be wrong.
-            inside: whether the path is known on both sides: the last node then stays where it is.
+            inside: whether the path is known on both sides.
         """
         last = self.segments if last is None else last
         chart = Chart.of(machine)
@@ -204,45 +246,26 @@ class Follower:
         flow = np.zeros((n, nz, nv + parameters))
         jacobian = np.zeros((n, 3, SAMPLES, channels, nv))
         shared = np.zeros((n, 3, SAMPLES, channels, parameters))
-        ends, contacts, points = self._differentiate(
-            machine, columns, chart, first, last, flow, jacobian, shared
-        )
+        ends, contacts = self._differentiate(machine, columns, chart, first, last, flow, jacobian, shared)
         _silence(flow, shared, nv)
+        seen = self._compared(chart, instrument, first, last, ends, contacts, scale, looseness, inside)
         noise = chart.noise * looseness * scale
         flow /= noise[:, None]
         bases = chart.bases(self.path.nodes[first:last])
         flow[:, :, :nz] = flow[:, :, :nz] @ bases
         jacobian[..., :nz] = jacobian[..., :nz] @ bases[:, None, None]
         own = (chart.units / noise)[None, :, None] * bases
-        values, sigma, known = self.measured.restored(instrument)
-        predicted = self._predict(first, last, points)
         if any(fault is not None for fault in faults):
             # a fault changes what is predicted: undoing it on the noise as well would reward a smaller noise
-            clean = self.measured.less(first, values[first:last] - predicted)
+            clean = self.measured.less(first, seen.values - seen.predicted)
             base, *_ = clean.restored(instrument)
             for i, fault in enumerate(faults):
                 if fault is not None:
                     shared[:, 1, :, :, i] -= (clean.restored(fault)[0] - base)[first:last]
-        weight = 1.0 / (sigma * scale)
+        weight = 1.0 / (self.measured.restored(instrument)[1] * scale)
         jacobian *= weight[:, None]
         shared *= weight[:, None]
-
-        residual = (values[first:last] - predicted) * weight
-        used = known[first:last].astype(float)
-        edge = 1 if inside else EDGE
-        used[:edge] = 0.0
-        used[-edge:] = 0.0
-        size = np.abs(residual)
-        used *= np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(size, OUTLIER)))
-        defect = np.zeros((n, nz))
-        defect[:-1] = (ends[:-1] - self.path.nodes[first + 1 : last])[:, chart.rows] / noise
-        miss = np.abs(defect)
-        kink = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(miss, OUTLIER)))
-        inputs = self.path.inputs[first:last] / self.input_sigma
-        local = (_huber(size) * (used > 0.0)).sum(axis=(1, 2)) + _huber(miss).sum(axis=1)
-        local += (inputs**2).sum(axis=1)
-        local[~np.isfinite(local)] = np.inf
-
+        used = seen.used
         jacobian[:, 1] *= used[..., None]
         jacobian[:-1, 2] *= used[1:, ..., None]
         jacobian[1:, 0] *= used[:-1, ..., None]
@@ -253,25 +276,59 @@ class Follower:
         direct[:-1] += shared[1:, 0]
         direct *= used[..., None]
         # a robust row of continuity: both sides weigh less
+        miss = np.abs(seen.defect)
+        kink = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(miss, OUTLIER)))
         flow *= kink[:, :, None]
         own[1:] *= kink[:-1, :, None]
         held = np.zeros((n, nv))
         if inside:
             held[-1] = _FAST
         system = (
-            flow, defect * kink, inputs, own, chart.doubt(self.path.nodes[first]) * doubt, held, blocks,
-            np.ascontiguousarray(direct.reshape(n, rows, parameters)), (residual * used).reshape(n, rows),
+            flow, seen.defect * kink, self.path.inputs[first:last] / self.input_sigma, own,
+            chart.doubt(self.path.nodes[first]) * doubt, held, blocks,
+            np.ascontiguousarray(direct.reshape(n, rows, parameters)),
+            (seen.residual / scale * used).reshape(n, rows),
         )  # fmt: skip
         reach = np.concatenate([chart.reach, np.full(nw, np.inf)])
-        return Pass(
+        about = {one.name: getattr(seen, one.name) for one in fields(Comparison)}
+        return Pass(**about, system=system, reach=reach)
+
+    def _compared(
+        self,
+        chart: Chart,
+        instrument: Instrument,
+        first: int,
+        last: int,
+        ends: np.ndarray,
+        contacts: np.ndarray,
+        scale: float,
+        looseness: float,
+        inside: bool,
+    ) -> Comparison:
+        """What the motion just computed, which ends at ``ends``, leaves unexplained."""
+        values, sigma, known = self.measured.restored(instrument)
+        predicted = self._predict(first, last)
+        residual = (values[first:last] - predicted) / (sigma * scale)
+        used = known[first:last].astype(float)
+        edge = 1 if inside else EDGE
+        used[:edge] = 0.0
+        used[-edge:] = 0.0
+        size = np.abs(residual)
+        used *= np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(size, OUTLIER)))
+        defect = np.zeros((last - first, len(chart.rows)))
+        noise = chart.noise * looseness * scale
+        defect[:-1] = (ends[:-1] - self.path.nodes[first + 1 : last])[:, chart.rows] / noise
+        local = (_huber(size) * (used > 0.0)).sum(axis=(1, 2)) + _huber(np.abs(defect)).sum(axis=1)
+        local += ((self.path.inputs[first:last] / self.input_sigma) ** 2).sum(axis=1)
+        local[~np.isfinite(local)] = np.inf
+        return Comparison(
             chart, float(local.sum()), local, residual * scale, values[first:last], used, defect, contacts,
-            predicted, self.signals[first:last], system, reach,
+            predicted, self.signals[first:last],
         )  # fmt: skip
 
     def arrival(self, machine: SliderCrank, place: int) -> np.ndarray:
         """(STATES,) where a machine is at the end of a segment that begins at its node."""
-        ends, *_ = self._shoot(machine, [], [], place, place + 1)
-        return ends[0, 0]
+        return self._coast(machine, place, place + 1)[0][0]
 
     def move(self, change: np.ndarray, chart: Chart, first: int = 0) -> None:
         """Apply a change (segments, nz + inputs) of the unknowns."""
@@ -290,7 +347,7 @@ class Follower:
         flow: np.ndarray,
         jacobian: np.ndarray,
         shared: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Fill the derivatives, ``WIDTH`` - 1 of them a run; flow in SI units."""
         nz, filtered = len(chart.rows), self.measured.filtered
         nv = nz + len(INPUTS)
@@ -300,7 +357,7 @@ class Follower:
             group = tasks[begin : begin + WIDTH - 1]
             ends, contacts, blocks, samples = self._shoot(machine, columns, group, first, last, chart)
             if nominal is None:
-                nominal = ends[:, 0].copy(), contacts, samples[..., 0].copy()
+                nominal = ends[:, 0].copy(), contacts
             n = len(ends)
             for lane, task in enumerate(group, 1):
                 difference = (blocks[..., lane] - blocks[..., 0]).reshape(n, 3, SAMPLES, filtered)
@@ -318,20 +375,19 @@ class Follower:
         tasks: Sequence[int],
         first: int,
         last: int,
-        chart: Chart | None = None,
+        chart: Chart,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        free = len(chart.rows) + len(INPUTS) if chart is not None else 0
+        nz = len(chart.rows)
+        free = nz + len(INPUTS)
         varying = {task: column for task in tasks if task >= free and (column := columns[task - free])}
         codes, p = _joint_codes([machine, *varying.values()]), aligned(len(machine.parameters()))
         p[:] = machine.parameters()[:, None]
         varied, change = np.full(WIDTH, -1), np.zeros(WIDTH)
         rows = np.array(INPUTS, dtype=np.int64)
         for lane, task in enumerate(tasks, 1):
-            assert chart is not None
-            nz = len(chart.rows)
             if task < nz:
                 varied[lane], change[lane] = chart.rows[task], chart.units[task]
-            elif task < nz + len(INPUTS):
+            elif task < free:
                 p[rows[task - nz], lane] += self.input_sigma[task - nz]
             else:
                 p[:, lane] = varying[task].parameters()
@@ -354,8 +410,26 @@ class Follower:
         )  # fmt: skip
         return ends, contacts, blocks, samples
 
-    def _predict(self, first: int, last: int, points: np.ndarray) -> np.ndarray:
+    def _coast(self, machine: SliderCrank, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        """Ends (segments, STATES) and contacts (segments, samples, 4) of the present path's segments."""
+        codes, p = _joint_codes([machine]), aligned(len(machine.parameters()))
+        p[:] = machine.parameters()[:, None]
+        ends, contacts = np.zeros((last - first, STATES)), np.zeros((last - first, SAMPLES, 4))
+        period = 1.0 / self.measured.chain.base_rate
+        substeps = self.integrator.substeps(period)
+        coast(
+            codes, p, self.path.nodes[first:last], np.array(INPUTS, dtype=np.int64),
+            self.path.inputs[first:last], self.integrator.code, period / substeps, substeps,
+            self.integrator.contact_refinement, self.periods // SAMPLES, aligned(WORK_ROWS), ends,
+            self.signals[first:last], contacts,
+        )  # fmt: skip
+        return ends, contacts
+
+    def _predict(self, first: int, last: int) -> np.ndarray:
         """Filtered prediction from the motion of the stretch and of what is known beside it."""
+        points = self.signals[first:last, :: self.periods // SAMPLES][
+            :, :, list(self.measured.signals[self.measured.filtered :])
+        ]
         filtered = list(self.measured.signals[: self.measured.filtered])
         low, high = first - REACH, last + REACH
         motion = np.full((high - low, self.periods, len(filtered)), np.nan)

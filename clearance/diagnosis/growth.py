@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clearance.diagnosis.fit import AHEAD, Fit, Model, advance, fit
+from clearance.diagnosis.fit import AHEAD, Model, Settled, advance, settle
 from clearance.diagnosis.follow import EDGE, Follower
 from clearance.diagnosis.search import ANNEALING, FOLLOWED, tightened
 from clearance.diagnosis.trace import Trace
@@ -56,8 +56,8 @@ class Start:
         """
         follower = trace.follower(looseness)
         for scale in (ANNEALING[0], ANNEALING[2]):
-            found = fit([follower], model, _NOTHING, 8, 5e-2, 1, tries=2, scale=scale)
-        each = _each(found)
+            found = settle([follower], model, _NOTHING, 8, 5e-2, 1, tries=2, scale=scale)
+        each = found.passes[0].each
         last = max(_EDGES + 1, min(trace.margin, len(each) - _ISLAND - _PROBED - _EDGES))
         worst = np.full(last, np.inf)
         for i in range(_EDGES, last):
@@ -132,7 +132,7 @@ def _landed(follower: Follower, model: Model, island: int) -> Follower:
     """A follower without unknown forces that is right on an island."""
     own = tightened([follower])[0]
     for scale in (ANNEALING[2], ANNEALING[3], ANNEALING[4]):
-        fit(
+        settle(
             [own], model, _NOTHING, 6, 3e-2, 1, tries=3, first=island - _BEFORE,
             last=island + _ISLAND + _AFTER, scale=scale,
         )  # fmt: skip
@@ -146,20 +146,23 @@ def _locked(trace: Trace, follower: Follower, model: Model, island: int) -> Star
     for segment in range(first, min(first + _PROBED, own.segments - AHEAD)):
         advance(own, model, segment, own.segments)
     last = min(first + _PROBED + AHEAD, own.segments)
-    each = _each(fit([own], model, _NOTHING, 0, first=island - _BEFORE, last=last))[: -AHEAD - 1]
+    found = settle([own], model, _NOTHING, 0, first=island - _BEFORE, last=last)
+    each = found.passes[0].each[: -AHEAD - 1]
     worst = [each[i : i + _ISLAND].max() for i in range(_BEFORE, len(each) - _ISLAND + 1)]
     own.input_sigma = follower.input_sigma
     return Start(trace, own, island + int(np.argmin(worst)), float(min(worst)))
 
 
-def _fitted(follower: Follower, model: Model, values: np.ndarray, first: int, last: int) -> tuple[Fit, float]:
+def _fitted(
+    follower: Follower, model: Model, values: np.ndarray, first: int, last: int
+) -> tuple[Settled, float]:
     """Fit the parameters to a stretch, at ever smaller scales of the noise as long as the model follows."""
-    held = fit([follower], model.held(values[0]), _NOTHING, 0, first=first, last=last)
+    held = settle([follower], model, values, 0, first=first, last=last)
     begin = scale_of(held.level)
     found, reached = None, begin
     for scale in [s for s in ANNEALING if s <= begin]:
         path = follower.path.copy()
-        other = fit([follower], model, values, 5, 2e-2, 1, first=first, last=last, scale=scale)
+        other = settle([follower], model, values, 5, 2e-2, 1, first=first, last=last, scale=scale)
         if found is not None and other.level * scale**2 > found.level * reached**2:
             follower.path = path
             break
@@ -173,9 +176,3 @@ def _fitted(follower: Follower, model: Model, values: np.ndarray, first: int, la
 def scale_of(misfit: float) -> float:
     """The smallest scale of the noise at which a model with a misfit follows."""
     return next((s for s in ANNEALING[::-1] if misfit < FOLLOWED * s**2), ANNEALING[0])
-
-
-def _each(found: Fit) -> np.ndarray:
-    """(segments,) cost a sample."""
-    one = found.passes[0]
-    return one.local / np.maximum((one.used > 0.0).sum(axis=(1, 2)), 1)

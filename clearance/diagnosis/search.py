@@ -166,7 +166,7 @@ def whole(attempt: Attempt) -> bool:
     if not explained(attempt):
         return False
     each = np.concatenate([
-        one.local[EDGE:-EDGE] / np.maximum((one.used > 0.0).sum(axis=(1, 2)), 1)[EDGE:-EDGE]
+        one.each[EDGE:-EDGE]
         for one in attempt.fit.passes
     ])  # fmt: skip
     return bool((each > _APART).mean() <= _SOME)

@@ -204,5 +204,72 @@ def shoot(
             p[input_rows[i], lane] = own[i, lane]
 
 
+@entry
+def coast(
+    codes: np.ndarray,
+    p: np.ndarray,
+    nodes: np.ndarray,
+    input_rows: np.ndarray,
+    inputs: np.ndarray,
+    scheme: int,
+    h: float,
+    substeps: int,
+    refinement: int,
+    every: int,
+    work: np.ndarray,
+    ends: np.ndarray,
+    signals: np.ndarray,
+    contacts: np.ndarray,
+) -> None:
+    """Run every segment from its node and change nothing: ``WIDTH`` segments at a time, side by side.
+
+    Args:
+        codes: (families,) chosen laws.
+        p: (PARAMETERS, WIDTH) parameters, all lanes alike; rows ``input_rows`` are added to ``inputs``.
+        nodes: (segments, STATES) starts, see the module.
+        input_rows: (inputs,) rows of ``p`` that differ between segments: constant forces.
+        inputs: (segments, inputs) their values.
+        scheme: a ``Scheme``.
+        h: step [s].
+        substeps: steps a base sample.
+        refinement: steps that replace one in contact.
+        every: base samples from one contact that is noted to the next.
+        work: (RESULTS + WORKSPACE + STATES + SIGNALS, WIDTH) scratch.
+        ends: (segments, STATES) written: the last states as nodes.
+        signals: (segments, periods, SIGNALS) written: the signals at the base rate.
+        contacts: (segments, m, 4) written: penetration and normal force of B, then of C.
+    """
+    width, count, periods = p.shape[1], nodes.shape[0], signals.shape[1]
+    r = work[:RESULTS]
+    w = work[RESULTS : RESULTS + WORKSPACE]
+    s = work[RESULTS + WORKSPACE : RESULTS + WORKSPACE + STATES]
+    y = work[RESULTS + WORKSPACE + STATES :]
+    own = p[input_rows, 0].copy()
+    for first in range(0, count, width):
+        for lane in range(width):
+            k = min(first + lane, count - 1)
+            for i in range(input_rows.size):
+                p[input_rows[i], lane] = own[i] + inputs[k, i]
+            unfold(codes, p, nodes[k], s, lane)
+        project(codes, p, s)
+        for i in range(periods):
+            evaluate(codes, p, s, r)
+            remember(codes, s, r)
+            sense(codes, p, s, r, y, 0)
+            for lane in range(min(width, count - first)):
+                for c in range(SIGNALS):
+                    signals[first + lane, i, c] = y[c, lane]
+                if i % every == 0:
+                    contacts[first + lane, i // every, 0] = r[Result.PENETRATION_B, lane]
+                    contacts[first + lane, i // every, 1] = r[Result.NORMAL_FORCE_B, lane]
+                    contacts[first + lane, i // every, 2] = r[Result.PENETRATION_C, lane]
+                    contacts[first + lane, i // every, 3] = r[Result.NORMAL_FORCE_C, lane]
+            sample_period(codes, p, s, r, w, scheme, h, substeps, refinement)
+        for lane in range(min(width, count - first)):
+            fold(codes, p, s, lane, ends[first + lane])
+    for i in range(input_rows.size):
+        p[input_rows[i], :] = own[i]
+
+
 WORK_ROWS = RESULTS + WORKSPACE + STATES + SIGNALS
 assert WIDTH >= 2
