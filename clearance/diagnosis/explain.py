@@ -9,13 +9,23 @@ import numpy as np
 
 from clearance.diagnosis.fit import Model
 from clearance.diagnosis.follow import Follower
+from clearance.diagnosis.free_search import shape_freely
 from clearance.diagnosis.growth import Start, grow, scale_of
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT, Measured
-from clearance.diagnosis.missing_force import free_form
-from clearance.diagnosis.screening import Hint, screen, shapes
-from clearance.diagnosis.search import ANNEALING, FOLLOWED, Attempt, explained, loosen, refine, whole
+from clearance.diagnosis.missing_force import FREE_FORM
+from clearance.diagnosis.screening import Hint, screen
+from clearance.diagnosis.search import (
+    ANNEALING,
+    EXPLAINED,
+    FOLLOWED,
+    Attempt,
+    explained,
+    loosen,
+    refine,
+    whole,
+)
 from clearance.diagnosis.suspicion import suspect
 from clearance.diagnosis.trace import Trace, aligned, profile
 from clearance.errors import InputError
@@ -35,8 +45,9 @@ _TRIALS = 3  # plausible shapes of an effect that are tried where no linear look
 _NEARLY = 4.0  # misfit up to which a model is worth another look
 _HALFWAY = 0.3  # of the base's misfit: such a model is worth a path of its own
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
+_SURE = 25.0  # fall of the sum of squares that chance does not bring, with hundreds of hypotheses
+_ONSET = 0.01  # of what a linear look promises, to begin with
 _PAIRS = 3  # pairs that are fitted
-_CURVES = 3  # forces of free form that are fitted
 _ELSEWHERE = ("soft_drive", "second_clearance", "rod_flexibility", "flexible_base", "guide_clearance")
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
 
@@ -201,10 +212,10 @@ class Search:
     def widen(self, explanation: Explanation, base: Attempt) -> None:
         """Fit what points where the misfit points beside ``base``, until something explains the recordings.
 
-        In order of promise and price: single effects, deaf channels (whose sensors may be at fault), pairs of
-        effects, effects that no linear look can judge, forces of free form.
+        In order of promise and price: single effects, deaf channels (whose sensors may be at fault), effects
+        that no linear look can judge, pairs of effects, forces of free form.
         """
-        groups = [g for g in self.groups.values() if all(not _same(g[0], h) for h in base.hypotheses)]
+        groups = self._others(base)
         self.report("looking at all hypotheses at once")
         found = screen(base, groups, self.setting.joint, self.workers)
         if not explanation.hints:
@@ -219,9 +230,9 @@ class Search:
         steps += [lambda h=h: self.follow(explanation, base, h) for h in likely]  # type: ignore[misc]
         steps += [lambda c=c: self.deafen(explanation, base, c) for c in channels]  # type: ignore[misc]
         if not base.hypotheses:
-            steps += [lambda h=h: self.follow(explanation, base, h) for h in found.pairs[:_PAIRS]]  # type: ignore[misc]
             steps += [lambda: self.begin_elsewhere(explanation, groups)]
-            steps += [lambda: self.shape_freely(explanation, base)]
+            steps += [lambda h=h: self.follow(explanation, base, h) for h in found.pairs[:_PAIRS]]  # type: ignore[misc]
+            steps += [lambda: shape_freely(self, explanation, base)]
         for step in steps:
             step()
             if explained(explanation.best):
@@ -231,12 +242,43 @@ class Search:
             ):
                 return  # something else must be missing beside it
 
+    def scrutinise(self, explanation: Explanation, most: int) -> None:
+        """Look beside what explains the recordings for what is small but sure, until nothing is.
+
+        Args:
+            explanation: added to.
+            most: effects that may be asserted together.
+        """
+        best = explanation.best
+        while explained(best) and len(best.hypotheses) < most and not self.free(best):
+            found = screen(best, self._others(best), self.setting.joint, self.workers)
+            explanation.hints = explanation.hints or found.singles
+            sure = [hint for hint in found.singles if hint.gain > _SURE][:_FITTED]
+            for hint in sure:
+                self.report(f"  {hint.label}: small but sure, {hint.gain:.4g}")
+                held, values = _beside(best, hint.hypotheses, _begun(hint))
+                self.keep(
+                    explanation, held,
+                    lambda held=held, values=values, base=best: refine(  # type: ignore[misc]
+                        held, self.setting.model(held), base.followers, values, base.scale, 20, self.workers
+                    ),
+                )  # fmt: skip
+            if explanation.best is best:
+                return
+            best = explanation.best
+
+    @staticmethod
+    def free(attempt: Attempt) -> bool:
+        """Whether a force of free form is among an attempt's hypotheses."""
+        return any(h.name == FREE_FORM for h in attempt.hypotheses)
+
+    def _others(self, base: Attempt) -> list[list[Hypothesis]]:
+        """Hypotheses about other things than those of an attempt."""
+        return [g for g in self.groups.values() if all(not _same(g[0], h) for h in base.hypotheses)]
+
     def follow(self, explanation: Explanation, base: Attempt, hint: Hint) -> None:
         """Fit what a hint suggests beside the hypotheses of ``base``."""
-        held = [*base.hypotheses, *hint.hypotheses]
-        rows = base.fit.values
-        added = np.repeat(hint.values[None], len(rows), axis=0)
-        values = np.concatenate([rows[:, : base.model.shared], added, rows[:, base.model.shared :]], axis=1)
+        held, values = _beside(base, hint.hypotheses, hint.values)
         self.keep(explanation, held, lambda: self.tighten(held, base, values))
 
     def tighten(self, held: Sequence[Hypothesis], base: Attempt, values: np.ndarray) -> Attempt | None:
@@ -361,9 +403,9 @@ class Search:
                 misfit = found[2]
                 self.report(f"  {hypothesis.label}: misfit {misfit:.3g} on one recording")
                 tried.append((misfit, hypothesis, found[1]))
-                if misfit < FOLLOWED:
+                if misfit < EXPLAINED:
                     break
-            if tried and tried[-1][0] < FOLLOWED:
+            if tried and tried[-1][0] < EXPLAINED:
                 break
         tried.sort(key=lambda one: one[0])
         for _, hypothesis, row in tried[:2]:
@@ -388,19 +430,6 @@ class Search:
             return self.starts[r]
         machine = model.machine(row)
         return Start.of(self.retrace(r, machine), model.held(row), LOOSENESS)
-
-    def shape_freely(self, explanation: Explanation, base: Attempt) -> None:
-        """Let a force of free form explain what no named effect does: the best curves are fitted."""
-        free = self.loosened(base)
-        self.report(f"with unknown forces: misfit {free.misfit:.3g}")
-        for curve in shapes(free, self.setting.joint, self.traces[0].path.force, self.workers)[:_CURVES]:
-            if curve.gain < curve.price:
-                return
-            self.report(f"  {curve.body} {curve.direction} by {curve.argument}: promises {curve.gain:.4g}")
-            hypothesis = free_form(curve, self.setting.joint)
-            self.follow(explanation, base, Hint((hypothesis,), hypothesis.start, curve.gain, 0.0))
-            if explained(explanation.best):
-                return
 
     def prune(self, explanation: Explanation) -> None:
         """Take effects away from the best attempt as long as it explains as much without them."""
@@ -463,6 +492,25 @@ class Search:
                 self.report(f"{one.label}: misfit {one.misfit:.3g}; without the added: {again.misfit:.3g}")
                 if explained(again):
                     return
+
+
+def _beside(
+    base: Attempt, hypotheses: Sequence[Hypothesis], values: np.ndarray
+) -> tuple[list[Hypothesis], np.ndarray]:
+    """Hypotheses with those of an attempt, and (recordings, unknowns) values to begin with."""
+    rows, shared = base.fit.values, base.model.shared
+    added = np.repeat(values[None], len(rows), axis=0)
+    return [*base.hypotheses, *hypotheses], np.concatenate(
+        [rows[:, :shared], added, rows[:, shared:]], axis=1
+    )
+
+
+def _begun(hint: Hint) -> np.ndarray:
+    """A hint's values, drawn back to where its effect has hardly begun."""
+    off = np.concatenate([h.off for h in hint.hypotheses])
+    shapes = np.concatenate([h.shapes for h in hint.hypotheses])
+    near = np.isfinite(off) & ~shapes
+    return np.where(near, off + _ONSET * (hint.values - np.where(near, off, 0.0)), hint.values)
 
 
 def _same(one: Hypothesis, other: Hypothesis) -> bool:

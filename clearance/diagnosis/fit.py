@@ -28,6 +28,7 @@ class Unknown:
         high: bound.
         own: whether each recording has its own value.
         reach: change that the linearisation surely bears; 0: a share of its value.
+        log: whether it counts by ratios: one step changes it by a share at most.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Unknown:
     high: float = np.inf
     own: bool = False
     reach: float = 0.0
+    log: bool = False
 
 
 @dataclass(frozen=True)
@@ -255,6 +257,7 @@ def settle(
     report: Callable[[int, float, np.ndarray], None] | None = None,
     goal: float = 0.0,
     tries: int = 4,
+    home: np.ndarray | None = None,
     **options: object,
 ) -> Settled:
     """Gauss-Newton with step halving from present paths and values.
@@ -269,16 +272,20 @@ def settle(
         report: called with the iteration, cost and values.
         goal: cost a sample that is good enough.
         tries: of damping in one iteration.
+        home: (recordings, unknowns) values near which the unknowns are expected, within a few times what
+            their linearisation bears: what a short stretch does not show must not run away.
         options: for ``Follower.look``.
     """
     values = values.copy()
     low = np.array([u.low for u in model.unknowns])
     high = np.array([u.high for u in model.unknowns])
+    ratio = np.array([u.log for u in model.unknowns], dtype=bool)
     seen = compare(followers, model, values, workers, **options)
-    cost = sum(c.cost for c in seen)
+    away = _Leash(model, home)
+    cost = sum(c.cost for c in seen) + away.cost(values)
     first = int(options.get("first", 0))  # type: ignore[call-overload]
     samples = sum(c.samples for c in seen)
-    damping = 0.0
+    damping, share = 0.0, _RATIO
     local = [np.zeros(len(c.local)) for c in seen]
     for iteration in range(iterations):
         if cost < goal * samples:
@@ -290,18 +297,25 @@ def settle(
             for one, held in zip(passes, local, strict=True):
                 one.solve(np.maximum(damping, held))
             information, score = assemble(passes, model, values)
-            information += np.diag(damping * _stiffness(model, values))
-            lows, highs = _flatten(low - values, model), _flatten(high - values, model)
+            information += np.diag(damping * _stiffness(model, values) + away.weight)
+            score -= away.weight * away.distance(values)
+            most = np.where(ratio, share * np.abs(values), np.inf)
+            lows = _flatten(np.maximum(low - values, -most), model)
+            highs = _flatten(np.minimum(high - values, most), model)
             change = _spread(solve_bounded(information, score, lows, highs), model, len(followers))
             moved = values + change
             trial = _step(followers, model, values, moved, passes, first, workers, options)
-            new = sum(c.cost for c in trial) if trial is not None else np.inf
+            new = sum(c.cost for c in trial) + away.cost(moved) if trial is not None else np.inf
+            if trial is not None and model.unknowns and not new < cost:
+                trial = _corrected(followers, model, moved, damping, local, first, workers, options)
+                new = sum(c.cost for c in trial) + away.cost(moved)
             if trial is not None and new < min(cost * (1.0 + 1e-9), best[0] if best else np.inf):
                 best = new, [f.path.copy() for f in followers], trial, moved
             torn = [_harmed(p, t) for p, t in zip(passes, trial, strict=True)] if trial is not None else []
             harm = np.mean(np.concatenate(torn)) if torn else 1.0
             if best is not None and (harm == 0.0 or best[0] < new):
                 break
+            share *= 0.5
             if harm > _MANY:  # a bad step as a whole
                 if best is not None:
                     break
@@ -319,7 +333,7 @@ def settle(
         if best is None:
             break
         fall, cost, seen, values = cost - best[0], best[0], best[2], best[3]
-        settled = damping == 0.0
+        settled, share = damping == 0.0, min(4.0 * share, _RATIO)
         damping = damping / 10.0 if damping > 0.1 else 0.0
         local = [np.where(held > 0.1, held / 10.0, 0.0) for held in local]
         if report is not None:
@@ -349,6 +363,29 @@ def _step(
         return compare(followers, model, moved, workers, **options)
     except InputError:  # a law does not take these values
         return None
+
+
+def _corrected(
+    followers: Sequence[Follower],
+    model: Model,
+    moved: np.ndarray,
+    damping: float,
+    local: Sequence[np.ndarray],
+    first: int,
+    workers: int,
+    options: dict[str, object],
+) -> list[Comparison]:
+    """Let the paths follow parameters that have moved, before the move is judged.
+
+    A contact's penetration depends on stiffness and force by a power; the linear step misses it by little in
+    length and by much in force, and one more step of the path alone sets it right (second-order correction,
+    Nocedal & Wright, Numerical Optimization, 2006, ch. 15.6).
+    """
+    passes = observe(followers, model, moved, workers, **options)
+    for follower, one, held in zip(followers, passes, local, strict=True):
+        one.solve(np.maximum(damping, held))
+        follower.move(one.change(np.zeros(len(model.unknowns))), one.chart, first)
+    return compare(followers, model, moved, workers, **options)
 
 
 def _harmed(before: Comparison, after: Comparison) -> np.ndarray:
@@ -433,6 +470,24 @@ def _stiffness(model: Model, values: np.ndarray) -> np.ndarray:
     return 1.0 / np.concatenate([reach[:shared], own]) ** 2
 
 
+class _Leash:
+    """What is expected of the unknowns before a stretch is looked at, as a sum of squares."""
+
+    def __init__(self, model: Model, home: np.ndarray | None) -> None:
+        self.model, self.home = model, home
+        self.weight = np.zeros(1) if home is None else _stiffness(model, home) / _EXPECTED**2
+
+    def distance(self, values: np.ndarray) -> np.ndarray:
+        """(P,) from home; of shared unknowns that of the first recording."""
+        return np.zeros(1) if self.home is None else _flatten(values - self.home, self.model)
+
+    def cost(self, values: np.ndarray) -> float:
+        """Sum of squares of the unknowns' distances, each in units of what is expected."""
+        return float((self.weight * self.distance(values) ** 2).sum())
+
+
+_EXPECTED = 3.0  # times what the linearisation bears: standard deviation of an unknown from what is expected
+_RATIO = 0.3  # of its value that an unknown which counts by ratios changes in one step
 _REACH = 0.05  # of a parameter's value, where nothing else is said
 
 

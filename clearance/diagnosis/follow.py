@@ -17,6 +17,7 @@ from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT, REACH, SAMPLES, Measured
 from clearance.errors import InputError
 from clearance.lanes import WIDTH
+from clearance.mechanism.applied_force import CONSTANTS
 from clearance.mechanism.parameters import JOINT_STRIDE, Family, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.batch import aligned
@@ -473,7 +474,8 @@ def _joint_codes(machines: Sequence[SliderCrank]) -> np.ndarray:
             "a parameter has left the range in which its effect adds coordinates to the mechanism"
         )
     codes = each.max(axis=0)
-    codes[Family.FORCE] = 1
+    if not codes[Family.FORCE]:
+        codes[Family.FORCE] = CONSTANTS
     return codes
 
 

@@ -119,7 +119,9 @@ def grow(
         due = 2 * steps
         kept = [i for i, unknown in enumerate(model.unknowns) if steps >= _SETTLING or not unknown.own]
         part = model.only(kept, rows[0])
-        found, scale = _fitted(follower, part, rows[:, kept], first, min(segment + 1, end))
+        found, scale = _fitted(
+            follower, part, rows[:, kept], values[None, kept], first, min(segment + 1, end)
+        )
         rows[:, kept] = found.values
         held = model.held(rows[0])
         if steps >= _JUDGED and found.level * scale**2 > limit:
@@ -154,7 +156,7 @@ def _locked(trace: Trace, follower: Follower, model: Model, island: int) -> Star
 
 
 def _fitted(
-    follower: Follower, model: Model, values: np.ndarray, first: int, last: int
+    follower: Follower, model: Model, values: np.ndarray, home: np.ndarray, first: int, last: int
 ) -> tuple[Settled, float]:
     """Fit the parameters to a stretch, at ever smaller scales of the noise as long as the model follows."""
     held = settle([follower], model, values, 0, first=first, last=last)
@@ -162,7 +164,7 @@ def _fitted(
     found, reached = None, begin
     for scale in [s for s in ANNEALING if s <= begin]:
         path = follower.path.copy()
-        other = settle([follower], model, values, 5, 2e-2, 1, first=first, last=last, scale=scale)
+        other = settle([follower], model, values, 5, 2e-2, 1, home=home, first=first, last=last, scale=scale)
         if found is not None and other.level * scale**2 > found.level * reached**2:
             follower.path = path
             break

@@ -93,7 +93,8 @@ def of_effect(effect: Effect, machine: SliderCrank, joint: str) -> list[Hypothes
             if parameter.whole:
                 low = high = start[parameter.name]
             step = _STEP * max(size, 1e-3 * abs(start[parameter.name]), 1e-12)
-            unknowns.append(Unknown(parameter.name, step, low, high, reach=0.3 * step / _STEP))
+            log = parameter.scale == "log"
+            unknowns.append(Unknown(parameter.name, step, low, high, reach=0.3 * step / _STEP, log=log))
         names = effect.parameters
 
         def apply(

@@ -107,9 +107,10 @@ def diagnose(
         best = explanation.best
         if best.hypotheses and not explained(best):
             search.enlarge(explanation)
-        if explained(explanation.best) or penalised(explanation.best) > 0.7 * before:
+        if search.free(best) or explained(explanation.best) or penalised(explanation.best) > 0.7 * before:
             break
         base = explanation.best
+    search.scrutinise(explanation, most)
     search.prune(explanation)
     withdraw(explanation)
     search.report("judging on held-out recordings")

@@ -95,7 +95,15 @@ def refine(
         values = found.values
         best = Attempt(tuple(hypotheses), model, found, s, level, own)
     assert best is not None
-    return polish(best, workers) if best.scale <= 1.0 else best
+    return best if best.scale > 1.0 else polish(_converged(best, workers), workers)
+
+
+def _converged(attempt: Attempt, workers: int) -> Attempt:
+    """Where an attempt follows its values are those of the minimum, not of a valley's slope."""
+    if explained(attempt):
+        found = fit(attempt.followers, attempt.model, attempt.fit.values, 12, 1e-4, workers)
+        attempt.fit, attempt.level = found, found.level
+    return attempt
 
 
 def mend_torn(followers: Sequence[Follower], model: Model, found: Fit) -> bool:

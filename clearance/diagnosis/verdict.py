@@ -14,6 +14,7 @@ from clearance.diagnosis.search import Attempt, explained
 
 _BLOCK = 5  # segments that count as one in the robust covariance
 _ALIKE = 12.0  # difference of penalised sums of squares below which two explanations are equivalent
+_BLIND, _UNSEEN = 1e-8, 1e-16
 _PUSHES = {"torque": "torque", "moment": "moment"}
 _WORSE = 1.02  # and ratio of their levels
 
@@ -36,8 +37,7 @@ def deviations(fit: Fit) -> np.ndarray:
     model = fit.model
     shared, count = model.shared, len(model.unknowns)
     own = count - shared
-    # a segment that does not run leaves nothing known
-    inverse = np.linalg.pinv(np.nan_to_num(fit.information, nan=0.0, posinf=0.0, neginf=0.0))
+    inverse = _covariance(fit.information)
     total = len(fit.information)
     middle = np.zeros((total, total))
     for r, one in enumerate(fit.passes):
@@ -50,6 +50,19 @@ def deviations(fit: Fit) -> np.ndarray:
     robust = np.sqrt(np.maximum(np.diag(inverse @ middle @ inverse), 0.0))
     plain = np.sqrt(np.maximum(np.diag(inverse), 0.0))
     return np.maximum(robust, plain)[:shared]
+
+
+def _covariance(information: np.ndarray) -> np.ndarray:
+    """Inverse of the information; huge along what the recordings say nothing about.
+
+    A direction that derivatives by differences leave below ``_BLIND`` of what its parameters would tell alone
+    is no direction that was seen: a motor's no-load speed beside the unknown speed, for example.
+    """
+    clean = np.nan_to_num(information, nan=0.0, posinf=0.0, neginf=0.0)  # a segment that does not run
+    unit = np.sqrt(np.maximum(np.diag(clean), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(clean / np.outer(unit, unit))
+    seen = np.where(values > _BLIND, values, _UNSEEN)
+    return (vectors / seen) @ vectors.T / np.outer(unit, unit)
 
 
 def estimates(attempt: Attempt) -> list[Estimate]:

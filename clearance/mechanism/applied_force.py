@@ -122,6 +122,10 @@ def applied(p: Any, entry: int, table: Any) -> Any:
     return get(p, entry) + get(p, entry + _WEIGHT) * table
 
 
+CONSTANTS = 2
+"""Code with which constant forces act and no table is read; no law has it, the diagnosis does."""
+
+
 @dataclass(frozen=True)
 class NoForce(Law):
     """Nothing beside the named laws: the nominal machine."""

@@ -213,22 +213,23 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
 
     # a force of free form: its table, and its parts that act inside loose joints and turn bodies
     table = nothing
-    if chosen(codes, Family.FORCE) == 1:
-        argument = choose_argument(
-            p,
-            get(s, State.CRANK_ANGLE),
-            crank_speed,
-            get(s, State.ROD_ANGLE),
-            rod_speed,
-            slider_x - frame_x,
-            slider_vx - frame_vx,
-            frame_x,
-            frame_vx,
-            normal_b,
-            normal_c,
-            get(s, State.TIME),
-        )
-        table = look_up(p, argument)
+    if chosen(codes, Family.FORCE) > 0:
+        if chosen(codes, Family.FORCE) == 1:
+            argument = choose_argument(
+                p,
+                get(s, State.CRANK_ANGLE),
+                crank_speed,
+                get(s, State.ROD_ANGLE),
+                rod_speed,
+                slider_x - frame_x,
+                slider_vx - frame_vx,
+                frame_x,
+                frame_vx,
+                normal_b,
+                normal_c,
+                get(s, State.TIME),
+            )
+            table = look_up(p, argument)
         crank_torque = crank_torque + applied(p, Parameter.FORCE_CRANK_TORQUE, table)
         rod_moment = rod_moment + applied(p, Parameter.FORCE_ROD_MOMENT, table)
         slider_moment = slider_moment + applied(p, Parameter.FORCE_SLIDER_MOMENT, table)
@@ -273,12 +274,12 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
             spin2 * cosine + mass * gravity_x + force_bx - stiffness * frame_x - damping * frame_vx - load
         )
         frame_fy = spin2 * sine + mass * gravity_y + force_by - stiffness * frame_y - damping * frame_vy
-        if chosen(codes, Family.FORCE) == 1:
+        if chosen(codes, Family.FORCE) > 0:
             frame_fx = frame_fx + applied(p, Parameter.FORCE_FRAME_X, table)
             frame_fy = frame_fy + applied(p, Parameter.FORCE_FRAME_Y, table)
     slider_fx = load - force_cx + get(p, Parameter.SLIDER_MASS) * gravity_x
     slider_fy = -force_cy + get(p, Parameter.SLIDER_MASS) * gravity_y
-    if chosen(codes, Family.FORCE) == 1:
+    if chosen(codes, Family.FORCE) > 0:
         slider_fx = slider_fx + applied(p, Parameter.FORCE_SLIDER_X, table)
         slider_fy = slider_fy + applied(p, Parameter.FORCE_SLIDER_Y, table)
     reaction = -slider_fy
@@ -297,7 +298,7 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
     # rod: forces of the loose joints, weight, inertial terms of its bending
     rod_mass = get(p, Parameter.ROD_MASS)
     rod_fx, rod_fy = force_cx - force_bx + rod_mass * gravity_x, force_cy - force_by + rod_mass * gravity_y
-    if chosen(codes, Family.FORCE) == 1:
+    if chosen(codes, Family.FORCE) > 0:
         rod_fx = rod_fx + applied(p, Parameter.FORCE_ROD_X, table)
         rod_fy = rod_fy + applied(p, Parameter.FORCE_ROD_Y, table)
     if loose_b:
@@ -457,7 +458,7 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
         reaction_cx, reaction_cy = force_cx + pull_cx, force_cy + pull_cy
         if held:
             reaction = get(p, Parameter.SLIDER_MASS) * (slider_ay - gravity_y) + reaction_cy
-            if chosen(codes, Family.FORCE) == 1:
+            if chosen(codes, Family.FORCE) > 0:
                 reaction = reaction - applied(p, Parameter.FORCE_SLIDER_Y, table)
     put(r, Result.FRAME_X, frame_ax)
     put(r, Result.FRAME_Y, frame_ay)

@@ -9,8 +9,10 @@ import pytest
 from clearance.diagnosis.growth import Start, grow, scale_of
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.measured import Measured
-from clearance.diagnosis.search import ANNEALING, FOLLOWED, refine, whole
+from clearance.diagnosis.missing_force import Curve, free_form
+from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, refine, whole
 from clearance.diagnosis.trace import Trace, aligned
+from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.guide import StribeckGuide
 from clearance.mechanism.slider_crank import SliderCrank
@@ -22,6 +24,7 @@ from clearance.simulation.trajectory import simulate_trajectory
 
 CHAIN, SETTING = MeasurementChain(), Setting(SliderCrank(), "C")
 ROD = (Signal.ROD_B_TRANSVERSE, Signal.ROD_B_AXIAL, Signal.ROD_C_TRANSVERSE, Signal.ROD_C_AXIAL)
+PLACE = ("slider", "x", "slider_position")
 CLEARANCE, RPM, SETTLED, SECONDS, NOISE = 3e-4, 880.0, 0.3, 0.2, 0.01
 
 
@@ -73,3 +76,17 @@ def test_a_glance_ends_where_it_should_and_leaves_the_start_alone():
 @pytest.mark.parametrize(("misfit", "scale"), [(1.0, 1.0), (FOLLOWED * 10.0, 10.0), (1e9, ANNEALING[0])])
 def test_the_scale_is_the_smallest_at_which_a_misfit_is_followed(misfit, scale):
     assert scale_of(misfit) == scale
+
+
+def test_a_table_is_found_from_a_poor_guess_and_stays_where_nothing_shows_it():
+    knots, forces = np.linspace(0.04, 0.2, 9), 1.0 + 3.0 * np.sin(np.linspace(0.0, np.pi, 9))
+    law = TabulatedForce(*PLACE, knots[0], knots[1] - knots[0], tuple(forces))
+    start, _, nominal = begun(SETTING, CLEARANCE, force=law)
+    model = SETTING.model([free_form(Curve(*PLACE, knots, forces, 0.0 * forces, 1.0, 1.0), "C")])
+    right = np.concatenate([nominal[:1], forces, nominal[1:]])
+    guess = np.concatenate([nominal[:1], 0.7 * forces, nominal[1:]])
+    _, found, misfit = grow(Start.of(start.trace, model.held(right), 0.15), model, guess)
+    assert misfit < EXPLAINED
+    np.testing.assert_allclose(found[3:8], forces[2:7], atol=0.1)
+    # the slider moves between 0.07 and 0.17 m: it never feels the ends of the table
+    np.testing.assert_allclose(found[[1, 9]], guess[[1, 9]], atol=1e-6)

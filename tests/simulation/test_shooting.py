@@ -7,7 +7,7 @@ import pytest
 
 from clearance.compilation import entry
 from clearance.lanes import WIDTH
-from clearance.mechanism.applied_force import DIRECTIONS, TabulatedForce
+from clearance.mechanism.applied_force import CONSTANTS, DIRECTIONS, TabulatedForce
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.frame import FlexibleFrame
 from clearance.mechanism.guide import LooseGuide
@@ -19,7 +19,15 @@ from clearance.simulation.batch import aligned
 from clearance.simulation.integrator import Integrator
 from clearance.simulation.kinematics import project
 from clearance.simulation.layout import SIGNALS, STATES, Result, Signal, State
-from clearance.simulation.shooting import ECCENTRICITY_B, ECCENTRICITY_C, WORK_ROWS, fold, shoot, unfold
+from clearance.simulation.shooting import (
+    ECCENTRICITY_B,
+    ECCENTRICITY_C,
+    WORK_ROWS,
+    coast,
+    fold,
+    shoot,
+    unfold,
+)
 from clearance.simulation.trajectory import simulate_trajectory
 
 B = SliderCrank(joint_b=Joint(2e-4), drive=SpeedControl(700.0, ramp=0.0))
@@ -293,6 +301,37 @@ def test_an_input_is_a_constant_applied_force(place, force):
     free = Shot(C, [node])
     np.testing.assert_allclose(shot.ends[1], free.ends[0], rtol=1e-9, atol=1e-9)
     assert np.abs(shot.ends[0] - free.ends[0]).max() > 1e-9
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_segments_side_by_side_are_those_with_derivatives(name):
+    machine, row = MACHINES[name], Parameter.FORCE_SLIDER_X
+    nodes = np.array([to_node(machine, state) for state in motion(machine).states[::PERIODS]])[:21]
+    assert len(nodes) % WIDTH
+    forces = np.linspace(-5.0, 5.0, len(nodes))[:, None]
+    codes = machine.codes()
+    codes[Family.FORCE] = CONSTANTS
+    shot = Shot(machine, nodes, rows=[row], inputs=forces, codes=codes)
+    ends, signals = np.zeros((len(nodes), STATES)), np.zeros((len(nodes), PERIODS, SIGNALS))
+    contacts, p = np.zeros((len(nodes), SAMPLES, 4)), parameters_of(machine)
+    coast(
+        codes, p, nodes, np.array([row]), forces, RUNGE_KUTTA.code, 1e-5, 1, 2, PERIODS // SAMPLES,
+        aligned(WORK_ROWS), ends, signals, contacts,
+    )  # fmt: skip
+    np.testing.assert_array_equal(ends, shot.ends[:, 0])
+    np.testing.assert_array_equal(signals, shot.signals)
+    np.testing.assert_array_equal(contacts, shot.contacts)
+    np.testing.assert_array_equal(p, parameters_of(machine))
+
+
+def test_constants_act_without_a_table():
+    row, node = Parameter.FORCE_SLIDER_X, to_node(C, motion(C, 1e-5).states[0])
+    with_table = replace(C, force=TabulatedForce(values=(0.0,))).codes()
+    without = with_table.copy()
+    without[Family.FORCE] = CONSTANTS
+    ends = [Shot(C, [node], rows=[row], inputs=[[4.0]], codes=codes).ends for codes in (with_table, without)]
+    np.testing.assert_array_equal(*ends)
+    assert np.abs(ends[0] - Shot(C, [node]).ends).max() > 1e-9
 
 
 def test_inputs_add_to_what_a_lane_already_has():
