@@ -7,7 +7,7 @@ import pytest
 
 from clearance.diagnosis import verdict
 from clearance.diagnosis.explain import Explanation
-from clearance.diagnosis.verdict import Estimate, equivalents, verdict_of, withdraw
+from clearance.diagnosis.verdict import Estimate, _covariance, equivalents, verdict_of, withdraw
 
 
 def attempt(names, misfit, kind="physics", off=0.0):
@@ -65,3 +65,15 @@ def test_an_effect_whose_interval_excludes_off_stays(monkeypatch):
     explanation = Explanation(attempt([], 1.0), [sure])
     withdraw(explanation)
     assert explanation.best is sure
+
+
+def test_what_derivatives_leave_of_an_unseen_direction_is_no_knowledge():
+    unit = np.array([1e6, 1.0, 1e-3])
+    seen = np.array([[2.0, 1.0, 0.1], [1.0, 3.0, 0.2], [0.1, 0.2, 1.0]])
+    information = seen * np.outer(unit, unit)
+    np.testing.assert_allclose(_covariance(information), np.linalg.inv(information), rtol=1e-9)
+    # the second parameter does what the first does, but for rounding of the derivatives
+    twins = np.array([[1.0, 1.0, 0.1], [1.0, 1.0 + 1e-9, 0.1], [0.1, 0.1, 1.0]]) * np.outer(unit, unit)
+    deviation = np.sqrt(np.diag(_covariance(twins))) * unit
+    assert (deviation[:2] > 1e6).all()
+    assert deviation[2] == pytest.approx(1.0, rel=0.02)

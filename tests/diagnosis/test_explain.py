@@ -1,0 +1,97 @@
+"""The search for an explanation: what is small, and what has no name."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.effect import load_effects
+from clearance.diagnosis.explain import Search, _begun
+from clearance.diagnosis.free_search import shape_freely
+from clearance.diagnosis.hypothesis import Setting, gather
+from clearance.diagnosis.measured import Measured
+from clearance.diagnosis.missing_force import FREE_FORM
+from clearance.diagnosis.screening import Hint
+from clearance.diagnosis.search import explained
+from clearance.diagnosis.verdict import estimates
+from clearance.mechanism.applied_force import TabulatedForce
+from clearance.mechanism.drive import SpeedControl
+from clearance.mechanism.joint import Joint
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.recording.chain import MeasurementChain
+from clearance.recording.channels import ACCELERATIONS
+from clearance.recording.recording import Recording
+from clearance.simulation.integrator import Integrator
+from clearance.simulation.layout import Signal
+from clearance.simulation.trajectory import simulate_trajectory
+
+CHAIN, SETTING = MeasurementChain(), Setting(SliderCrank(), "C")
+RPM, SETTLED, SECONDS, NOISE = 700.0, 0.3, 0.25, 0.01
+
+
+@cache
+def search(clearance, names, **laws):
+    """A search after its nominal stage, with its explanation, for a machine that has these laws beside."""
+    joint = Joint(clearance, **({"contact": laws.pop("contact")} if "contact" in laws else {}))
+    machine = replace(SETTING.machine, joint_c=joint, drive=SpeedControl(RPM, ramp=0.05), **laws)
+    channels = tuple(ACCELERATIONS)
+    signals = [int(Signal[name.upper()]) for name in channels]
+    found = simulate_trajectory(machine, Integrator("runge_kutta_4", 5e-6, 5), SETTLED + SECONDS + 0.02, 2)
+    first = round(SETTLED * CHAIN.base_rate)
+    values = CHAIN.smooth(found.signals[:, signals])[first :: CHAIN.decimation][: round(SECONDS * CHAIN.rate)]
+    values = values + NOISE * values.std(axis=0) * np.random.default_rng(3).normal(size=values.shape)
+    measured = Measured.of(Recording(values, channels, CHAIN.rate), CHAIN, "one")
+    effects = load_effects(list(names), [])
+    groups = gather(effects, SETTING.with_clearance(3e-4), "C", measured.channels)
+    one = Search([measured], SETTING, groups, (50.0, 150.0), 1, lambda _: None)
+    one.trace()
+    return one, one.nominal()
+
+
+STIFF = ("contact_stiffness", "joint_lubrication", "gravity", "sensor_gain")
+
+
+def test_what_explains_is_looked_beside_once_more():
+    found, explanation = search(1e-4, STIFF, contact=replace(Joint().contact, stiffness_scale=0.5))
+    assert explained(explanation.nominal), "softer contact hides in the clearance"
+    found.scrutinise(explanation, 2)
+    assert [h.name for h in explanation.best.hypotheses] == ["contact_stiffness"]
+    clearance, stiffness = estimates(explanation.best)
+    assert stiffness.low < 0.5 < stiffness.high < 0.8
+    assert clearance.value == pytest.approx(1e-4, rel=2e-3)
+
+
+@pytest.mark.slow
+def test_where_nothing_is_missing_nothing_small_is_found():
+    found, explanation = search(1e-4, STIFF)
+    found.scrutinise(explanation, 2)
+    assert explained(explanation.nominal)
+    assert not explanation.attempts
+
+
+@pytest.mark.slow
+def test_a_force_without_a_name_is_found_on_its_body_with_its_argument():
+    knots, forces = np.linspace(0.065, 0.175, 12), 8.0 * np.sin(np.linspace(0.0, np.pi, 12)) ** 2
+    law = TabulatedForce("slider", "x", "slider_position", knots[0], knots[1] - knots[0], tuple(forces))
+    found, explanation = search(1.5e-4, ("gravity",), force=law)
+    assert not explained(explanation.nominal)
+    shape_freely(found, explanation, explanation.nominal)
+    best = explanation.best
+    (hypothesis,) = best.hypotheses
+    assert (hypothesis.name, hypothesis.body, hypothesis.direction) == (FREE_FORM, "slider", "x")
+    curve = hypothesis.apply(SETTING.machine, best.fit.values[0, 1:-1]).force
+    assert isinstance(curve, TabulatedForce)
+    assert curve.argument == "slider_position"
+    places = curve.start + curve.spacing * np.arange(len(curve.values))
+    assert np.corrcoef(curve.values, np.interp(places, knots, forces))[0, 1] > 0.95
+    assert best.fit.values[0, 0] == pytest.approx(1.5e-4, rel=5e-3)
+
+
+def test_a_small_effect_begins_where_it_has_hardly_begun():
+    effects = load_effects(["contact_stiffness", "torque_ripple"], [])
+    groups = gather(effects, SETTING.with_clearance(3e-4), "C", ())
+    stiffness, ripple = (next(g[0] for g in groups.values() if g[0].name == e.name) for e in effects)
+    assert _begun(Hint((stiffness,), np.array([0.1]), 1.0, 1.0)) == pytest.approx([0.991])
+    begun = _begun(Hint((ripple,), np.array([2.0, 3.0, 0.7]), 1.0, 1.0))
+    np.testing.assert_allclose(begun, [0.02, 3.0, 0.7])
