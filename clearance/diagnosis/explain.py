@@ -43,7 +43,8 @@ _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
 _TRIALS = 3  # plausible shapes of an effect that are tried where no linear look can judge it
 _NEARLY = 4.0  # misfit up to which a model is worth another look
-_HALFWAY = 0.3  # of the base's misfit: such a model is worth a path of its own
+_HALFWAY = 0.3  # of the base's misfit: a sensor's fault that reaches that is worth a path of its own
+_WORSE = 2.0  # of the best misfit so far: a model is given up that follows worse than that
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
 _SURE = 25.0  # fall of the sum of squares that chance does not bring, with hundreds of hypotheses
 _ONSET = 0.01  # of what a linear look promises, to begin with
@@ -279,9 +280,12 @@ class Search:
     def follow(self, explanation: Explanation, base: Attempt, hint: Hint) -> None:
         """Fit what a hint suggests beside the hypotheses of ``base``."""
         held, values = _beside(base, hint.hypotheses, hint.values)
-        self.keep(explanation, held, lambda: self.tighten(held, base, values))
+        limit = max(min(base.misfit, _WORSE * explanation.best.misfit), _POOR)
+        self.keep(explanation, held, lambda: self.tighten(held, base, values, limit))
 
-    def tighten(self, held: Sequence[Hypothesis], base: Attempt, values: np.ndarray) -> Attempt | None:
+    def tighten(
+        self, held: Sequence[Hypothesis], base: Attempt, values: np.ndarray, limit: float
+    ) -> Attempt | None:
         """Fit hypotheses on the path of ``base`` where that is near, and step by step where it is not."""
         found: Attempt | None = None
         if base.scale <= ANNEALING[3]:
@@ -291,8 +295,8 @@ class Search:
             if explained(found):
                 return found
             values = found.fit.values
-        limit, starts = max(_HOPELESS * base.misfit, _POOR), self.starts
-        for _ in range(_LOOKS):  # torn impacts are met better with the right values
+        starts, heard = self.starts, any(h.fault is not None for h in held)
+        for look in range(_LOOKS):  # torn impacts are met better with the right values
             other = self.grown(held, values, starts, limit)
             if other is None and found is None:  # what is missing may have led the clearance astray
                 values = values.copy()
@@ -300,7 +304,8 @@ class Search:
                 continue
             if found is None or (other is not None and other.misfit < found.misfit):
                 found = other
-            if found is None or whole(found) or found.misfit > max(_NEARLY, _HALFWAY * base.misfit):
+            near = max(_NEARLY, _HALFWAY * base.misfit) if heard else _NEARLY
+            if found is None or whole(found) or found.misfit > near or look == _LOOKS - 1:
                 break
             values = found.fit.values
             if found.misfit > _NEARLY:  # on a path of its own, its sensors' faults undone
