@@ -59,7 +59,7 @@ def _covariance(information: np.ndarray) -> np.ndarray:
     is no direction that was seen: a motor's no-load speed beside the unknown speed, for example.
     """
     clean = np.nan_to_num(information, nan=0.0, posinf=0.0, neginf=0.0)  # a segment that does not run
-    unit = np.sqrt(np.maximum(np.diag(clean), np.finfo(float).tiny))
+    unit = np.sqrt(np.where(np.diag(clean) > 0.0, np.diag(clean), 1.0))
     values, vectors = np.linalg.eigh(clean / np.outer(unit, unit))
     seen = np.where(values > _BLIND, values, _UNSEEN)
     return (vectors / seen) @ vectors.T / np.outer(unit, unit)
@@ -160,14 +160,15 @@ def sentences(
     lines = []
     place = 1
     values = estimates(best)
-    if explained(best) and verdict == "unknown":
-        curve = next(h for h in best.hypotheses if h.name == FREE_FORM)
+    curve = next((h for h in best.hypotheses if h.name == FREE_FORM), None)
+    if curve is not None:
         law = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force
         argument = str(getattr(law, "argument", ""))
+        share = "" if explained(best) else "most of "
         lines.append(
             f"Something is missing that has no name here: a {_PUSHES.get(curve.direction, 'force')} on the "
             f"{curve.body.replace('_', ' ')} ({curve.direction}) that depends on "
-            f"{argument.replace('_', ' ')} explains the recordings; its table is in corrected.yaml."
+            f"{argument.replace('_', ' ')} explains {share}the recordings; its table is in corrected.yaml."
         )
     for hypothesis in best.hypotheses:
         count = len(hypothesis.unknowns)
@@ -180,7 +181,7 @@ def sentences(
                 )
             lines.append(hypothesis.effect.describe(shown, joint))
         place += count
-    if verdict == "unknown" and not explained(best):
+    if verdict == "unknown" and not explained(best) and curve is None:
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
     others = equivalents(explanation)[1:]
     if others:
