@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from clearance.diagnosis.elsewhere import begin_elsewhere
 from clearance.diagnosis.fit import Model
 from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.free_search import shape_freely
 from clearance.diagnosis.growth import Start, grow, scale_of
-from clearance.diagnosis.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT, Measured
 from clearance.diagnosis.missing_force import FREE_FORM
@@ -20,6 +21,8 @@ from clearance.diagnosis.search import (
     ANNEALING,
     EXPLAINED,
     FOLLOWED,
+    LOOSENESS,
+    POOR,
     Attempt,
     explained,
     loosen,
@@ -31,17 +34,14 @@ from clearance.diagnosis.trace import Trace, aligned, profile
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
-LOOSENESS = 0.15  # of the joint's typical force: unknown forces while hypotheses are looked for
 _GLANCES, _GLANCE = 3, 40  # glances at the clearance, and segments of each
 _FACTORS = (1.0, 0.95, 1.05)  # on it, tried one after another
 _SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on a glance tells nothing
 _LOOKS = 2  # times that recordings are followed anew with better values
-_HOPELESS, _POOR = 1.0, 3.0  # of a base's misfit, and misfit, above which a model is given up on the way
 _FITTED = 4  # hypotheses of one screening that are fitted
 _HOPEFUL = 0.1  # of the best one's gain: less is not fitted
 _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
-_TRIALS = 3  # plausible shapes of an effect that are tried where no linear look can judge it
 _NEARLY = 4.0  # misfit up to which a model is worth another look
 _HALFWAY = 0.3  # of the base's misfit: a sensor's fault that reaches that is worth a path of its own
 _WORSE = 2.0  # of the best misfit so far: a model is given up that follows worse than that
@@ -49,8 +49,6 @@ _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
 _SURE = 25.0  # fall of the sum of squares that chance does not bring, with hundreds of hypotheses
 _ONSET = 0.01  # of what a linear look promises, to begin with
 _PAIRS = 3  # pairs that are fitted
-_ELSEWHERE = ("soft_drive", "second_clearance", "rod_flexibility", "flexible_base", "guide_clearance")
-"""Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
 
 
 @dataclass
@@ -231,7 +229,7 @@ class Search:
         steps += [lambda h=h: self.follow(explanation, base, h) for h in likely]  # type: ignore[misc]
         steps += [lambda c=c: self.deafen(explanation, base, c) for c in channels]  # type: ignore[misc]
         if not base.hypotheses:
-            steps += [lambda: self.begin_elsewhere(explanation, groups)]
+            steps += [lambda: begin_elsewhere(self, explanation, groups)]
             steps += [lambda h=h: self.follow(explanation, base, h) for h in found.pairs[:_PAIRS]]  # type: ignore[misc]
             steps += [lambda: shape_freely(self, explanation, base)]
         for step in steps:
@@ -275,12 +273,12 @@ class Search:
 
     def _others(self, base: Attempt) -> list[list[Hypothesis]]:
         """Hypotheses about other things than those of an attempt."""
-        return [g for g in self.groups.values() if all(not _same(g[0], h) for h in base.hypotheses)]
+        return [g for g in self.groups.values() if all(not same(g[0], h) for h in base.hypotheses)]
 
     def follow(self, explanation: Explanation, base: Attempt, hint: Hint) -> None:
         """Fit what a hint suggests beside the hypotheses of ``base``."""
         held, values = _beside(base, hint.hypotheses, hint.values)
-        limit = max(min(base.misfit, _WORSE * explanation.best.misfit), _POOR)
+        limit = max(min(base.misfit, _WORSE * explanation.best.misfit), POOR)
         self.keep(explanation, held, lambda: self.tighten(held, base, values, limit))
 
     def tighten(
@@ -345,13 +343,13 @@ class Search:
         """Fit without a channel: where that explains everything, its sensor is at fault; how, is fitted."""
         deaf = [start.without(channel) for start in self.starts]
         try:
-            found = self.grown(base.hypotheses, base.fit.values, deaf, max(_HOPELESS * base.misfit, _POOR))
+            found = self.grown(base.hypotheses, base.fit.values, deaf, max(base.misfit, POOR))
         except (InputError, np.linalg.LinAlgError):
             return
         if found is None:
             return
         self.report(f"without {channel}: misfit {found.misfit:.3g}")
-        if found.scale > 1.0 or found.level > FOLLOWED:
+        if not found.misfit < max(EXPLAINED, _HALFWAY * base.misfit):
             return
         hearing = [f.part(0, f.segments) for f in found.followers]
         for follower, trace in zip(hearing, self.traces, strict=True):
@@ -384,119 +382,9 @@ class Search:
             if explained(explanation.best):
                 return
 
-    def begin_elsewhere(self, explanation: Explanation, groups: Sequence[Sequence[Hypothesis]]) -> None:
-        """Fit effects that add coordinates or change much at once, from plausible sizes.
-
-        No linear look at a path without them can judge them. They are tried on one recording; the best are
-        fitted to all.
-        """
-        surest = int(np.argmin([start.doubt for start in self.starts]))
-        base = explanation.nominal
-        tried: list[tuple[float, Hypothesis, np.ndarray]] = []
-        for group in _judged_elsewhere(groups):
-            for hypothesis in group[:_TRIALS]:
-                model = self.setting.model([hypothesis])
-                speed = self.traces[surest].speed
-                row = np.concatenate([base.fit.values[0, :1], hypothesis.start, [speed]])
-                try:
-                    start = self.begun(hypothesis, model, row, surest)
-                    found = grow(start, model, row, max(_HOPELESS * base.misfit, _POOR))
-                except (InputError, np.linalg.LinAlgError):
-                    continue
-                if found is None:
-                    continue
-                misfit = found[2]
-                self.report(f"  {hypothesis.label}: misfit {misfit:.3g} on one recording")
-                tried.append((misfit, hypothesis, found[1]))
-                if misfit < EXPLAINED:
-                    break
-            if tried and tried[-1][0] < EXPLAINED:
-                break
-        tried.sort(key=lambda one: one[0])
-        for _, hypothesis, row in tried[:2]:
-            model = self.setting.model([hypothesis])
-            values = np.array([[*row[:-1], trace.speed] for trace in self.traces])
-            self.keep(
-                explanation, [hypothesis],
-                lambda h=hypothesis, m=model, v=values: self.grown(  # type: ignore[misc]
-                    [h], v, [self.begun(h, m, row, r) for r, row in enumerate(v)]
-                ),
-            )  # fmt: skip
-            if explained(explanation.best):
-                return
-
     def retrace(self, r: int, machine: SliderCrank, instrument: Instrument = NO_FAULT) -> Trace:
         """The path of a recording for another machine, or with faults of its sensors undone."""
         return Trace.of(self.recordings[r], self.alignments[r], machine, instrument)
-
-    def begun(self, hypothesis: Hypothesis, model: Model, row: np.ndarray, r: int) -> Start:
-        """Where a recording can be followed from with a hypothesis: anew where it adds coordinates."""
-        if not hypothesis.structural(self.setting.with_clearance(3e-4)):
-            return self.starts[r]
-        machine = model.machine(row)
-        return Start.of(self.retrace(r, machine), model.held(row), LOOSENESS)
-
-    def prune(self, explanation: Explanation) -> None:
-        """Take effects away from the best attempt as long as it explains as much without them."""
-        while len(explanation.best.hypotheses) > 1:
-            best = explanation.best
-            shorter = []
-            for left_out in range(len(best.hypotheses)):
-                held = [h for i, h in enumerate(best.hypotheses) if i != left_out]
-                model = self.setting.model(held)
-                keep = [0]
-                place = 1
-                for i, hypothesis in enumerate(best.hypotheses):
-                    count = len(hypothesis.unknowns)
-                    keep += [] if i == left_out else range(place, place + count)
-                    place += count
-                values = best.fit.values[:, [*keep, place]]
-                if best.hypotheses[left_out].structural(self.setting.with_clearance(3e-4)):
-                    # a path with other coordinates is no beginning
-                    anew = self.grown(held, values)
-                    shorter += [] if anew is None else [anew]
-                    continue
-                shorter.append(refine(held, model, best.followers, values, ANNEALING[2], 8, self.workers))
-            explanation.attempts += shorter
-            for one in shorter:
-                self.report(f"{one.label}: misfit {one.misfit:.3g}")
-            if explanation.best is best:
-                break
-
-    def enlarge(self, explanation: Explanation) -> None:
-        """Try the variants of the best attempt's effects that have more parameters."""
-        best = explanation.best
-        for index, hypothesis in enumerate(best.hypotheses):
-            for group in self.groups.values():
-                larger = group[0]
-                names = {u.name for u in hypothesis.unknowns}
-                if not _same(larger, hypothesis) or not names < {u.name for u in larger.unknowns}:
-                    continue
-                held = [*best.hypotheses[:index], larger, *best.hypotheses[index + 1 :]]
-                offset = 1 + sum(len(h.unknowns) for h in best.hypotheses[:index])
-                old = best.fit.values[:, offset : offset + len(hypothesis.unknowns)]
-                own = {u.name: old[:, i] for i, u in enumerate(hypothesis.unknowns)}
-                middle = np.stack(
-                    [
-                        own.get(u.name, np.full(len(old), _ready(larger, i)))
-                        for i, u in enumerate(larger.unknowns)
-                    ],
-                    axis=1,
-                )  # fmt: skip
-                values = np.concatenate(
-                    [best.fit.values[:, :offset], middle, best.fit.values[:, offset + old.shape[1] :]], axis=1
-                )
-                one = refine(
-                    held, self.setting.model(held), best.followers, values, best.scale, 8, self.workers
-                )
-                # the smaller one may owe its misfit to a worse path: give it the larger one's
-                again = refine(
-                    best.hypotheses, best.model, one.followers, best.fit.values, ANNEALING[3], 8, self.workers
-                )
-                explanation.attempts += [one, again]
-                self.report(f"{one.label}: misfit {one.misfit:.3g}; without the added: {again.misfit:.3g}")
-                if explained(again):
-                    return
 
 
 def _beside(
@@ -516,31 +404,3 @@ def _begun(hint: Hint) -> np.ndarray:
     shapes = np.concatenate([h.shapes for h in hint.hypotheses])
     near = np.isfinite(off) & ~shapes
     return np.where(near, off + _ONSET * (hint.values - np.where(near, off, 0.0)), hint.values)
-
-
-def _same(one: Hypothesis, other: Hypothesis) -> bool:
-    """Whether two hypotheses are about the same thing."""
-    return one.name == other.name and one.channel == other.channel
-
-
-def _single(hypothesis: Hypothesis) -> bool:
-    """Whether it has one size beside shapes: the simplest variant of its effect; a drive has two gains."""
-    return int((~hypothesis.shapes).sum()) == 1 or hypothesis.name == "soft_drive"
-
-
-def _judged_elsewhere(groups: Sequence[Sequence[Hypothesis]]) -> list[Sequence[Hypothesis]]:
-    """The simplest variants of the effects in ``_ELSEWHERE``, in that order."""
-    single = [g for g in groups if g[0].name in _ELSEWHERE and _single(g[0])]
-    fewest: dict[str, int] = {}
-    for group in single:
-        count = len(group[0].unknowns)
-        fewest[group[0].name] = min(count, fewest.get(group[0].name, count))
-    chosen = [g for g in single if len(g[0].unknowns) == fewest[g[0].name]]
-    return sorted(chosen, key=lambda g: _ELSEWHERE.index(g[0].name))
-
-
-def _ready(hypothesis: Hypothesis, i: int) -> float:
-    """Where a further parameter begins: off, or its plausible value where that is infinite or a shape."""
-    if hypothesis.shapes[i] or not np.isfinite(hypothesis.off[i]):
-        return float(hypothesis.start[i])
-    return float(hypothesis.off[i])

@@ -394,70 +394,11 @@ def _harmed(before: Comparison, after: Comparison) -> np.ndarray:
     return ~(after.local < before.local + 0.5 * rows) & ~(after.local < 3.0 * rows)
 
 
-def advance(follower: Follower, fixed: Model, segment: int, end: int) -> None:
-    """Run on from a segment that is known, and correct it and those before it by what it should show.
-
-    Args:
-        follower: whose path after the segment is replaced.
-        fixed: model without unknowns.
-        segment: that is known, up to what the next samples correct.
-        end: segment that is not touched.
-    """
-    machine = fixed.machine(_NOTHING[0])
-    last = min(segment + 1 + AHEAD, end)
-    for place in range(segment, min(last, follower.segments - 1)):
-        follower.path.nodes[place + 1] = follower.arrival(machine, place)
-    settle(
-        [follower], fixed, _NOTHING, _CORRECTIONS, 1e-1, 1, goal=_ENOUGH,
-        first=max(segment - _HORIZON, 0), last=last, doubt=0.1,
-    )  # fmt: skip
-
-
-def mend(follower: Follower, fixed: Model, first: int, last: int) -> None:
-    """Put a short stretch together anew between what is known on both sides; kept where that is better."""
-    first, last = max(first, 0), min(last, follower.segments)
-    inside = last < follower.segments
-    before = follower.path.copy()
-
-    def joined(scales: Sequence[float]) -> float:
-        for scale in scales:
-            found = settle(
-                [follower], fixed, _NOTHING, 4, 5e-2, 1, goal=GOAL if scale == 1.0 else 0.0,
-                first=first, last=last, scale=scale, doubt=_KNOWN, inside=inside,
-            )  # fmt: skip
-        return found.cost / max(found.passes[0].samples, 1)
-
-    cost = joined((10.0, 3.0, 1.0))
-    if cost < GOAL:
-        return
-    best, follower.path = follower.path, before.copy()
-    for segment in range(first, last - 1):
-        advance(follower, fixed, segment, last)
-    if inside:
-        follower.path.nodes[last - 1 :] = before.nodes[last - 1 :]
-    if not joined((3.0, 1.0)) < cost:
-        follower.path = best
-
-
-def islands(mask: np.ndarray, margin: int) -> list[tuple[int, int]]:
-    """Ranges around what is set, joined where they touch."""
-    wide = np.convolve(mask, np.ones(2 * margin + 1), "same") > 0.0
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], wide, [False]]).astype(int)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-AHEAD = 2  # segments that are predicted beyond a new one
-_HORIZON = 6  # segments that are corrected with a new one
-_CORRECTIONS = 3  # iterations of that
-_ENOUGH = 1.05  # cost a sample at which a step is good
-_NOTHING = np.zeros((1, 0))
-_SETTLING = ("report", "goal", "tries")  # what only ``settle`` wants to know
-GOAL = 1.2  # cost a sample of a stretch that is followed
+_SETTLING = ("report", "goal", "tries", "home")  # what only ``settle`` wants to know
 _QUIET, _QUIET_MEAN = 0.9, 0.975  # share of segments, and what they cost where all cost 1 on average
 _MANY = 0.3  # share of segments; a step that harms more is a bad step
 _HOLD = 3.0  # damping of segments that a step harmed
 _NEAR = 2  # segments around a harmed one that are held with it
-_KNOWN = 1e-3  # factor on the doubt of a node that stays where it is
 
 
 def _stiffness(model: Model, values: np.ndarray) -> np.ndarray:

@@ -15,13 +15,12 @@ from clearance.diagnosis.fit import fit, settle
 from clearance.diagnosis.growth import grow
 from clearance.diagnosis.missing_force import Curve, free_form
 from clearance.diagnosis.screening import shapes
-from clearance.diagnosis.search import ANNEALING, Attempt
+from clearance.diagnosis.search import ANNEALING, LOOSENESS, Attempt
 from clearance.errors import InputError
 
 if TYPE_CHECKING:
     from clearance.diagnosis.explain import Explanation, Search
 
-_LOOSENESS = 0.15  # of the joint's typical force
 _SMOOTH = 4  # scales of the noise at which paths are smoothed
 _FIRST = 2  # arguments of each direction that are tried first
 _STEPS = 6  # of a trial beside the base's path
@@ -60,7 +59,7 @@ def _smoothed(search: "Search", base: Attempt) -> Attempt:
     """
     model = search.setting.model()
     values = np.array([[base.fit.values[0, 0], trace.speed] for trace in search.traces])
-    followers = [trace.follower(_LOOSENESS) for trace in search.traces]
+    followers = [trace.follower(LOOSENESS) for trace in search.traces]
     for scale in ANNEALING[:_SMOOTH]:
         found = fit(followers, model, values, 8, 3e-2, search.workers, scale=scale)
         values[:, 1:] = found.values[:, 1:]

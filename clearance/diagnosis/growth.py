@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clearance.diagnosis.fit import AHEAD, Model, Settled, advance, settle
+from clearance.diagnosis.fit import Model, Settled, settle
 from clearance.diagnosis.follow import EDGE, Follower
+from clearance.diagnosis.horizon import AHEAD, advance
 from clearance.diagnosis.search import ANNEALING, FOLLOWED, tightened
 from clearance.diagnosis.trace import Trace
 

@@ -77,6 +77,11 @@ class Hypothesis:
         return bool((codes[list(STRUCTURE)] != machine.codes()[list(STRUCTURE)]).any())
 
 
+def same(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether two hypotheses are about the same thing."""
+    return one.name == other.name and one.channel == other.channel
+
+
 def of_effect(effect: Effect, machine: SliderCrank, joint: str) -> list[Hypothesis]:
     """The hypotheses of one variant of a physical effect: one for each trial of its shapes."""
     found = []

@@ -18,6 +18,7 @@ from clearance.diagnosis.missing_force import FREE_FORM
 from clearance.diagnosis.nominal_map import nominal_map
 from clearance.diagnosis.search import ANNEALING, Attempt, explained, refine
 from clearance.diagnosis.signature import signatures
+from clearance.diagnosis.simplify import enlarge, prune
 from clearance.diagnosis.trace import Trace, aligned
 from clearance.diagnosis.verdict import (
     equivalents,
@@ -106,12 +107,12 @@ def diagnose(
         keep(explanation)
         best = explanation.best
         if best.hypotheses and not explained(best):
-            search.enlarge(explanation)
+            enlarge(search, explanation)
         if search.free(best) or explained(explanation.best) or penalised(explanation.best) > 0.7 * before:
             break
         base = explanation.best
     search.scrutinise(explanation, most)
-    search.prune(explanation)
+    prune(search, explanation)
     withdraw(explanation)
     search.report("judging on held-out recordings")
     best, nominal = explanation.best, explanation.nominal

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clearance.diagnosis.fit import Fit, Model, fit, islands, mend
+from clearance.diagnosis.fit import Fit, Model, fit
 from clearance.diagnosis.follow import EDGE, Follower
+from clearance.diagnosis.horizon import islands, mend
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.simulation.integrator import Integrator
 
@@ -14,6 +15,8 @@ ANNEALING = (100.0, 31.6, 10.0, 3.16, 1.0)  # factors on the noise while a guess
 FOLLOWED = 2.5  # robust cost a sample: above, a model does not follow at this scale of the noise
 EXPLAINED = 1.35  # and up to which nothing is left to explain
 TIGHT = np.array([1e-3, 1e-3, 1e-2])  # N m, N m, N: unknown forces that a right model does not need
+LOOSENESS = 0.15  # of the joint's typical force: unknown forces while a path is looked for
+POOR = 3.0  # misfit up to which a model is not given up on the way, whatever others reach
 INTEGRATOR = Integrator("runge_kutta_4", 1e-5, 2)
 _LOOKS = 3  # at most, to put torn impacts together
 _APART, _SOME = 3.0, 0.01  # cost a sample of a segment that is not followed; share of these that may be

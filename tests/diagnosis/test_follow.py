@@ -9,8 +9,9 @@ import pytest
 
 from clearance.compilation import entry
 from clearance.diagnosis.chart import Chart
-from clearance.diagnosis.fit import fit, islands, solve_bounded
+from clearance.diagnosis.fit import fit, solve_bounded
 from clearance.diagnosis.follow import EDGE, INPUTS, Follower
+from clearance.diagnosis.horizon import islands
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.measured import NO_FAULT, SAMPLES, Measured
 from clearance.lanes import WIDTH
