@@ -46,7 +46,7 @@ _NEARLY = 4.0  # misfit up to which a model is worth another look
 _HALFWAY = 0.3  # of the base's misfit: a sensor's fault that reaches that is worth a path of its own
 _WORSE = 2.0  # of the best misfit so far: a model is given up that follows worse than that
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
-_SURE = 25.0  # fall of the sum of squares that chance does not bring, with hundreds of hypotheses
+_SURE = 60.0  # fall of the sum of squares that neither chance nor another integrator brings (35 seen)
 _ONSET = 0.01  # of what a linear look promises, to begin with
 _PAIRS = 3  # pairs that are fitted
 
