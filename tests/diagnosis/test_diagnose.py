@@ -64,7 +64,9 @@ def test_the_report_carries_the_very_numbers(demonstrated):
     assert json.dumps(found["clearance"]["after_m"]) in page
 
 
-@pytest.mark.parametrize(("joint", "clearance"), [("C", 5e-4), ("B", 2e-4)])
+@pytest.mark.parametrize(
+    ("joint", "clearance"), [("C", 5e-4), pytest.param("B", 2e-4, marks=pytest.mark.slow)]
+)
 def test_nothing_is_found_where_nothing_is_missing(joint, clearance):
     setting = Setting(SliderCrank(), joint)
     machine = replace(setting.with_clearance(clearance), drive=SpeedControl(SPEED, ramp=0.1))
