@@ -15,7 +15,7 @@ from clearance.diagnosis.growth import Start, grow, scale_of
 from clearance.diagnosis.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT, Measured
-from clearance.diagnosis.missing_force import FREE_FORM
+from clearance.diagnosis.missing_force import unnamed
 from clearance.diagnosis.screening import Hint, screen
 from clearance.diagnosis.search import (
     ANNEALING,
@@ -249,7 +249,7 @@ class Search:
             most: effects that may be asserted together.
         """
         best = explanation.best
-        while explained(best) and len(best.hypotheses) < most and not self.free(best):
+        while explained(best) and len(best.hypotheses) < most and unnamed(best.hypotheses) is None:
             found = screen(best, self._others(best), self.setting.joint, self.workers)
             explanation.hints = explanation.hints or found.singles
             sure = [hint for hint in found.singles if hint.gain > _SURE][:_FITTED]
@@ -265,11 +265,6 @@ class Search:
             if explanation.best is best:
                 return
             best = explanation.best
-
-    @staticmethod
-    def free(attempt: Attempt) -> bool:
-        """Whether a force of free form is among an attempt's hypotheses."""
-        return any(h.name == FREE_FORM for h in attempt.hypotheses)
 
     def _others(self, base: Attempt) -> list[list[Hypothesis]]:
         """Hypotheses about other things than those of an attempt."""
@@ -366,13 +361,8 @@ class Search:
             hypothesis = known.get((suspicion.effect, channel))
             if hypothesis is None:
                 continue
-            held = [*base.hypotheses, hypothesis]
-            shared = found.model.shared
-            added = [suspicion.parameters[u.name] for u in hypothesis.unknowns]
-            rows = found.fit.values
-            values = np.concatenate(
-                [rows[:, :shared], np.repeat([added], len(rows), axis=0), rows[:, shared:]], axis=1
-            )
+            added = np.array([suspicion.parameters[u.name] for u in hypothesis.unknowns])
+            held, values = _beside(found, [hypothesis], added)
             self.keep(
                 explanation, held,
                 lambda held=held, values=values: refine(  # type: ignore[misc]

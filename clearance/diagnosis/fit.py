@@ -360,6 +360,8 @@ def _step(
         steps = np.array([model.step(values[r], i) for i in range(len(model.unknowns))])
         follower.move(one.change((moved - values)[r] / steps), one.chart, first)
     try:
+        for row in moved:  # a step from which no derivatives can be taken leads to a dead end
+            model.columns(row)
         return compare(followers, model, moved, workers, **options)
     except InputError:  # a law does not take these values
         return None

@@ -225,6 +225,11 @@ def _hats(values: np.ndarray, repeats: bool) -> tuple[np.ndarray, np.ndarray]:
     return knots, np.maximum(1.0 - distance, 0.0)
 
 
+def unnamed(hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:
+    """The force of free form among hypotheses, if there is one."""
+    return next((h for h in hypotheses if h.name == FREE_FORM), None)
+
+
 def free_form(curve: Curve, joint: str) -> Hypothesis:
     """A curve as a hypothesis whose parameters are its forces at the knots."""
     argument = curve.argument if curve.argument != "contact_force" else f"force_{joint.lower()}"

@@ -14,7 +14,7 @@ from clearance.diagnosis.follow import STRUCTURE
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.mismatch import Innovations, innovations, interval, locate, root_mean_square, summary
-from clearance.diagnosis.missing_force import FREE_FORM
+from clearance.diagnosis.missing_force import FREE_FORM, unnamed
 from clearance.diagnosis.nominal_map import nominal_map
 from clearance.diagnosis.search import ANNEALING, Attempt, explained, refine
 from clearance.diagnosis.signature import signatures
@@ -108,9 +108,10 @@ def diagnose(
         best = explanation.best
         if best.hypotheses and not explained(best):
             enlarge(search, explanation)
-        if search.free(best) or explained(explanation.best) or penalised(explanation.best) > 0.7 * before:
+            best = explanation.best
+        if unnamed(best.hypotheses) or explained(best) or penalised(best) > 0.7 * before:
             break
-        base = explanation.best
+        base = best
     search.scrutinise(explanation, most)
     prune(search, explanation)
     withdraw(explanation)

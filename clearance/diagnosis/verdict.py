@@ -9,12 +9,15 @@ import numpy as np
 from clearance.diagnosis.explain import Explanation, penalised
 from clearance.diagnosis.fit import Fit
 from clearance.diagnosis.hypothesis import Hypothesis
-from clearance.diagnosis.missing_force import FREE_FORM
+from clearance.diagnosis.missing_force import unnamed
 from clearance.diagnosis.search import Attempt, explained
 
 _BLOCK = 5  # segments that count as one in the robust covariance
 _ALIKE = 12.0  # difference of penalised sums of squares below which two explanations are equivalent
-_BLIND, _UNSEEN = 1e-8, 1e-16
+_BLIND, _UNSEEN = (
+    1e-8,
+    1e-16,
+)  # share of its information that a direction is seen with; what it counts with if not
 _PUSHES = {"torque": "torque", "moment": "moment"}
 _WORSE = 1.02  # and ratio of their levels
 
@@ -121,7 +124,7 @@ def verdict_of(explanation: Explanation) -> str:
     best = explanation.best
     if not best.hypotheses:
         return "none" if explained(best) else "unknown"
-    if not explained(best) or any(h.name == FREE_FORM for h in best.hypotheses):
+    if not explained(best) or unnamed(best.hypotheses) is not None:
         return "unknown"
     if len(equivalents(explanation)) > 1:
         return "ambiguous"
@@ -160,7 +163,7 @@ def sentences(
     lines = []
     place = 1
     values = estimates(best)
-    curve = next((h for h in best.hypotheses if h.name == FREE_FORM), None)
+    curve = unnamed(best.hypotheses)
     if curve is not None:
         law = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force
         argument = str(getattr(law, "argument", ""))

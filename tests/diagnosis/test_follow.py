@@ -9,11 +9,12 @@ import pytest
 
 from clearance.compilation import entry
 from clearance.diagnosis.chart import Chart
-from clearance.diagnosis.fit import fit, solve_bounded
+from clearance.diagnosis.fit import Model, fit, solve_bounded
 from clearance.diagnosis.follow import EDGE, INPUTS, Follower
 from clearance.diagnosis.horizon import islands
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.measured import NO_FAULT, SAMPLES, Measured
+from clearance.errors import InputError
 from clearance.lanes import WIDTH
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.guide import StribeckGuide
@@ -187,6 +188,21 @@ def test_a_fit_brings_disturbed_nodes_and_values_back(seed):
     assert np.abs(one.path.nodes[INSIDE, 2] - run()[1][INSIDE, 2]).max() < 4e-4
     ratio = (found.passes[0].innovation / found.passes[0].spread)[INSIDE]
     assert (ratio**2).mean() == pytest.approx(1.0, abs=0.1)
+
+
+class Walled(Model):
+    """Near the truth the machine exists, but none beside it from which to take derivatives."""
+
+    def columns(self, values):
+        if values[0] > 0.998 * CLEARANCE:
+            raise InputError("beyond the wall")
+        return super().columns(values)
+
+
+def test_a_step_to_where_no_derivatives_can_be_taken_is_not_taken():
+    walled = Walled(MODEL.unknowns, MODEL.machine)
+    found = fit([follower()], walled, TRUTH * [0.99, 1.0], 4, 1e-4, 1)
+    assert 0.99 * CLEARANCE <= found.values[0, 0] <= 0.998 * CLEARANCE
 
 
 def test_two_recordings_share_the_clearance_and_have_their_own_speeds():
