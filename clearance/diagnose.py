@@ -15,7 +15,7 @@ from clearance.commands import command, threads
 from clearance.diagnosis.demonstration import demonstration
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.explain import Explanation
-from clearance.diagnosis.hypothesis import Setting, gather
+from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.measured import Measured, chain_of
 from clearance.diagnosis.motion.outcome import diagnose as diagnose_motion
 from clearance.diagnosis.motion.recordings import only_motion, tracks_of, uncertain_bounds, zero_is_known
@@ -32,6 +32,7 @@ from clearance.recording.recording import Recording
 log = logging.getLogger(__name__)
 
 JOINTS = ("B", "C")
+UNKNOWN = "unknown"
 
 
 @command("diagnose")
@@ -39,11 +40,13 @@ def main(cfg: DictConfig) -> None:
     """Diagnose recordings; write ``diagnosis.json``, ``report.html`` and ``corrected.yaml``."""
     folder = Path(HydraConfig.get().runtime.output_dir)
     joint = str(cfg.joint.name)
-    if joint not in JOINTS:
+    if joint not in (*JOINTS, UNKNOWN):
         raise InputError(
-            f"joint={joint}: a diagnosis needs the joint that has the clearance; joint=B or joint=C"
+            f"joint={joint}: a diagnosis asks for the clearance of one joint; joint=B, joint=C or "
+            f"joint={UNKNOWN}"
         )
-    setting = Setting(instantiate(cfg.mechanism, _convert_="all"), joint)
+    nominal = instantiate(cfg.mechanism, _convert_="all")
+    settings = [Setting(nominal, one) for one in (JOINTS if joint == UNKNOWN else [joint])]
     hypotheses: Any = (
         OmegaConf.to_container(cfg.hypotheses) if OmegaConf.is_list(cfg.hypotheses) else cfg.hypotheses
     )
@@ -55,17 +58,22 @@ def main(cfg: DictConfig) -> None:
     if isinstance(most, bool) or not isinstance(most, int) or not 1 <= most <= 3:
         raise InputError(f"most_effects = {most!r} is not a whole number from 1 to 3; change most_effects")
     workers = threads(cfg.workers) or os.cpu_count() or 1
-    recordings, held_out = _read(cfg.recordings), _read(cfg.held_out)
+    recordings, held_out = _read("recordings", cfg.recordings), _read("held_out", cfg.held_out)
 
     def keep(explanation: Explanation | Findings) -> None:
         write_json(folder / "progress.json", _tried(explanation))
 
     if only_motion([*recordings.values(), *held_out.values()]):
+        if joint == UNKNOWN:
+            raise InputError(
+                "joint=unknown: only accelerations tell the joints apart, and these recordings have none; "
+                "joint=B or joint=C"
+            )
         outcome = diagnose_motion(
             *tracks_of(recordings, held_out),
-            setting,
+            settings[0],
             effects,
-            uncertain_bounds(OmegaConf.to_container(cfg.uncertain), setting.machine),
+            uncertain_bounds(OmegaConf.to_container(cfg.uncertain), nominal),
             zero_is_known(cfg.encoder_zero),
             (low, high),
             workers,
@@ -77,9 +85,8 @@ def main(cfg: DictConfig) -> None:
         channels = tuple(instantiate(cfg.sensors, _convert_="all").channels)
         if not recordings:
             log.info("no recordings given: a demonstration on a simulated machine with friction on its guide")
-        fitted, judged = _load(recordings or demonstration(setting), held_out, channels)
-        groups = gather(effects, setting.with_clearance(3e-4), joint, fitted[0].channels)
-        outcome = diagnose(fitted, judged, setting, groups, (low, high), workers, most, log.info, keep)
+        fitted, judged = _load(recordings or demonstration(settings[0]), held_out, channels)
+        outcome = diagnose(fitted, judged, settings, effects, (low, high), workers, most, log.info, keep)
     _write(folder, outcome)
     lines = [*outcome.diagnosis["summary"], *outcome.diagnosis["warnings"]]
     sys.stdout.write("\n" + "\n".join(lines) + "\n")
@@ -126,9 +133,12 @@ def _load(
     )
 
 
-def _read(paths: Any) -> dict[str, Recording]:
+def _read(key: str, paths: Any) -> dict[str, Recording]:
     listed = paths if OmegaConf.is_list(paths) else [paths]
-    return {str(path): corrected(read(Path(str(path)))) for path in listed}
+    try:
+        return {str(path): corrected(read(Path(str(path)))) for path in listed}
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from error
 
 
 def _write(folder: Path, outcome: Outcome) -> None:

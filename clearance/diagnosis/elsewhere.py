@@ -1,40 +1,33 @@
 """Effects that no look beside a nominal path can judge: they add coordinates, or change much at once."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from clearance.diagnosis.explain import Explanation, Search, beside
 from clearance.diagnosis.fit import Model
 from clearance.diagnosis.growth import Start, grow
 from clearance.diagnosis.hypothesis import Hypothesis
-from clearance.diagnosis.search import EXPLAINED, LOOSENESS, POOR, explained
+from clearance.diagnosis.search import EXPLAINED, LOOSENESS, POOR, Attempt, explained
 from clearance.errors import InputError
-
-if TYPE_CHECKING:
-    from clearance.diagnosis.explain import Explanation, Search
 
 _TRIALS = 3  # plausible shapes of an effect that are tried
 _ELSEWHERE = ("soft_drive", "second_clearance", "rod_flexibility", "flexible_base", "guide_clearance")
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
 
 
-def begin_elsewhere(
-    search: "Search", explanation: "Explanation", groups: Sequence[Sequence[Hypothesis]]
-) -> None:
-    """Fit effects that add coordinates or change much at once, from plausible sizes.
+def begin_elsewhere(search: Search, explanation: Explanation, base: Attempt) -> None:
+    """Fit effects that add coordinates or change much at once, from plausible sizes, beside ``base``.
 
     No linear look at a path without them can judge them. They are tried on one recording; the best are
     fitted to all.
     """
     surest = int(np.argmin([start.doubt for start in search.starts]))
-    base = explanation.nominal
-    tried: list[tuple[float, Hypothesis, np.ndarray]] = []
-    for group in _judged_elsewhere(groups):
+    tried: list[tuple[float, list[Hypothesis], np.ndarray]] = []
+    for group in _judged_elsewhere(search.others(base)):
         for hypothesis in group[:_TRIALS]:
-            model = search.setting.model([hypothesis])
-            speed = search.traces[surest].speed
-            row = np.concatenate([base.fit.values[0, :1], hypothesis.start, [speed]])
+            held, values = beside(base, [hypothesis], hypothesis.start)
+            model, row = search.setting.model(held), values[surest]
             try:
                 start = _begun(search, hypothesis, model, row, surest)
                 found = grow(start, model, row, max(base.misfit, POOR))
@@ -44,26 +37,26 @@ def begin_elsewhere(
                 continue
             misfit = found[2]
             search.report(f"  {hypothesis.label}: misfit {misfit:.3g} on one recording")
-            tried.append((misfit, hypothesis, found[1]))
+            tried.append((misfit, held, found[1]))
             if misfit < EXPLAINED:
                 break
         if tried and tried[-1][0] < EXPLAINED:
             break
     tried.sort(key=lambda one: one[0])
-    for _, hypothesis, row in tried[:2]:
-        model = search.setting.model([hypothesis])
+    for _, held, row in tried[:2]:
+        model = search.setting.model(held)
         values = np.array([[*row[:-1], trace.speed] for trace in search.traces])
         search.keep(
-            explanation, [hypothesis],
-            lambda h=hypothesis, m=model, v=values: search.grown(  # type: ignore[misc]
-                [h], v, [_begun(search, h, m, row, r) for r, row in enumerate(v)]
+            explanation, held,
+            lambda h=held, m=model, v=values: search.grown(  # type: ignore[misc]
+                h, v, [_begun(search, h[-1], m, row, r) for r, row in enumerate(v)]
             ),
         )  # fmt: skip
         if explained(explanation.best):
             return
 
 
-def _begun(search: "Search", hypothesis: Hypothesis, model: Model, row: np.ndarray, r: int) -> Start:
+def _begun(search: Search, hypothesis: Hypothesis, model: Model, row: np.ndarray, r: int) -> Start:
     """Where a recording can be followed from with a hypothesis: anew where it adds coordinates."""
     if not hypothesis.structural(search.setting.with_clearance(3e-4)):
         return search.starts[r]

@@ -1,22 +1,19 @@
 """From recordings to an explanation: nominal first, then one, two or three hypotheses beside it."""
 
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from clearance.diagnosis.elsewhere import begin_elsewhere
 from clearance.diagnosis.fit import Model
 from clearance.diagnosis.follow import Follower
-from clearance.diagnosis.free_search import shape_freely
 from clearance.diagnosis.growth import Start, grow, scale_of
 from clearance.diagnosis.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT, Measured
 from clearance.diagnosis.missing_force import unnamed
-from clearance.diagnosis.screening import Hint, screen
+from clearance.diagnosis.screening import Hint, Screening, screen
 from clearance.diagnosis.search import (
     ANNEALING,
     EXPLAINED,
@@ -30,25 +27,26 @@ from clearance.diagnosis.search import (
     whole,
 )
 from clearance.diagnosis.suspicion import suspect
-from clearance.diagnosis.trace import Trace, aligned, profile
+from clearance.diagnosis.trace import Alignment, Trace, profile
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
 _GLANCES, _GLANCE = 3, 40  # glances at the clearance, and segments of each
 _FACTORS = (1.0, 0.95, 1.05)  # on it, tried one after another
-_SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on a glance tells nothing
+_SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on looks tell little
 _LOOKS = 2  # times that recordings are followed anew with better values
 _FITTED = 4  # hypotheses of one screening that are fitted
 _HOPEFUL = 0.1  # of the best one's gain: less is not fitted
+_WORTH = 0.02  # of what is missing: beside a path that nearly follows, less is not fitted
 _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
 _NEARLY = 4.0  # misfit up to which a model is worth another look
 _HALFWAY = 0.3  # of the base's misfit: a sensor's fault that reaches that is worth a path of its own
+_BETTER = 0.8  # of the base's misfit: a model beside its path that does not reach that is not it
 _WORSE = 2.0  # of the best misfit so far: a model is given up that follows worse than that
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
 _SURE = 60.0  # fall of the sum of squares that neither chance nor another integrator brings (35 seen)
 _ONSET = 0.01  # of what a linear look promises, to begin with
-_PAIRS = 3  # pairs that are fitted
 
 
 @dataclass
@@ -84,17 +82,14 @@ class Search:
     def __init__(
         self,
         recordings: Sequence[Measured],
+        alignments: Sequence[Alignment],
         setting: Setting,
         groups: dict[str, list[Hypothesis]],
-        speed_range: tuple[float, float],
         workers: int,
         report: Callable[[str], None],
     ) -> None:
-        self.recordings, self.setting, self.groups = list(recordings), setting, groups
-        self.workers, self.say, self.started = workers, report, time.monotonic()
-        self.alignments = [aligned(one, setting.with_clearance(3e-4), speed_range) for one in self.recordings]
-        for one, found in zip(self.recordings, self.alignments, strict=True):
-            self.report(f"{one.name}: {found.speed * 30 / np.pi:.1f} rpm")
+        self.recordings, self.alignments, self.setting = list(recordings), list(alignments), setting
+        self.groups, self.workers, self.report = groups, workers, report
 
     def trace(self) -> None:
         """Find the clearance at which the motion agrees best, and the path of every recording."""
@@ -102,16 +97,8 @@ class Search:
         self.clearance = self.profile.best
         machine = self.setting.with_clearance(self.clearance)
         self.traces = [self.retrace(r, machine) for r in range(len(self.recordings))]
-        self.report(f"the motion alone suggests a clearance of {self.clearance * 1e3:.3f} mm")
-
-    @property
-    def seconds(self) -> float:
-        """Since the start [s]."""
-        return time.monotonic() - self.started
-
-    def report(self, message: str) -> None:
-        """Say what is being done, and when."""
-        self.say(f"[{self.seconds:.0f} s] {message}")
+        joint, shown = self.setting.joint, f"{self.clearance * 1e3:.3f} mm"
+        self.report(f"the motion alone suggests a clearance of {shown} in joint {joint}")
 
     def nominal(self) -> Explanation:
         """Refit the nominal machine; where a glance moves the clearance, paths are sought anew with it."""
@@ -208,38 +195,36 @@ class Search:
         """An attempt with unknown forces beside it: what it lacks shows in them."""
         return loosen(attempt, [trace.forces(LOOSENESS) for trace in self.traces], self.workers)
 
-    def widen(self, explanation: Explanation, base: Attempt) -> None:
+    def widen(self, explanation: Explanation, base: Attempt) -> Screening:
         """Fit what points where the misfit points beside ``base``, until something explains the recordings.
 
-        In order of promise and price: single effects, deaf channels (whose sensors may be at fault), effects
-        that no linear look can judge, pairs of effects, forces of free form.
+        First effects, most promising ones first; then deaf channels, whose sensors may be at fault.
         """
-        groups = self._others(base)
-        self.report("looking at all hypotheses at once")
-        found = screen(base, groups, self.setting.joint, self.workers)
-        if not explanation.hints:
-            explanation.hints = found.singles
+        self.report(f"looking at all hypotheses beside {base.label}")
+        found = screen(base, self.others(base), self.setting.joint, self.workers)
+        explanation.hints = explanation.hints or found.singles
         for hint in found.singles[:5]:
             self.report(f"  {hint.label}: promises {hint.gain:.4g}")
         best = found.singles[0].gain if found.singles else 0.0
-        likely = [h for h in found.singles[:_FITTED] if h.gain > max(_HOPEFUL * best, 0.0)]
-        loud = [h.hypotheses[0].channel for h in found.singles if h.gain > _HOPEFUL * best]
-        channels = list(dict.fromkeys(c for c in loud if c is not None))[:_DEAF]
-        steps: list[Callable[[], None]] = []
-        steps += [lambda h=h: self.follow(explanation, base, h) for h in likely]  # type: ignore[misc]
-        steps += [lambda c=c: self.deafen(explanation, base, c) for c in channels]  # type: ignore[misc]
-        if not base.hypotheses:
-            steps += [lambda: begin_elsewhere(self, explanation, groups)]
-            steps += [lambda h=h: self.follow(explanation, base, h) for h in found.pairs[:_PAIRS]]  # type: ignore[misc]
-            steps += [lambda: shape_freely(self, explanation, base)]
-        for step in steps:
-            step()
-            if explained(explanation.best):
-                return
-            if len(explanation.best.hypotheses) > len(base.hypotheses) and (
-                explanation.best.misfit < _FAR_BETTER * explanation.nominal.misfit
-            ):
-                return  # something else must be missing beside it
+        missing = (base.misfit - 1.0) * sum(p.samples for p in base.fit.passes)
+        enough = max(_HOPEFUL * best, _WORTH * missing if base.misfit < _UNSURE else 0.0)
+        hopeful = [hint for hint in found.singles if hint.gain > enough]
+        for hint in hopeful[:_FITTED]:
+            if not self.settled(explanation, base):
+                self.follow(explanation, base, hint)
+        loud = [hint.hypotheses[0].channel for hint in hopeful]
+        for channel in list(dict.fromkeys(c for c in loud if c is not None))[:_DEAF]:
+            if not self.settled(explanation, base):
+                self.deafen(explanation, base, channel)
+        return found
+
+    def settled(self, explanation: Explanation, base: Attempt) -> bool:
+        """Whether nothing else need be tried beside ``base``: what was found explains nearly everything."""
+        best = explanation.best
+        return explained(best) or (
+            len(best.hypotheses) > len(base.hypotheses)
+            and best.misfit < min(_FAR_BETTER * explanation.nominal.misfit, _NEARLY)
+        )
 
     def scrutinise(self, explanation: Explanation, most: int) -> None:
         """Look beside what explains the recordings for what is small but sure, until nothing is.
@@ -250,12 +235,12 @@ class Search:
         """
         best = explanation.best
         while explained(best) and len(best.hypotheses) < most and unnamed(best.hypotheses) is None:
-            found = screen(best, self._others(best), self.setting.joint, self.workers)
+            found = screen(best, self.others(best), self.setting.joint, self.workers)
             explanation.hints = explanation.hints or found.singles
             sure = [hint for hint in found.singles if hint.gain > _SURE][:_FITTED]
             for hint in sure:
                 self.report(f"  {hint.label}: small but sure, {hint.gain:.4g}")
-                held, values = _beside(best, hint.hypotheses, _begun(hint))
+                held, values = beside(best, hint.hypotheses, _begun(hint))
                 self.keep(
                     explanation, held,
                     lambda held=held, values=values, base=best: refine(  # type: ignore[misc]
@@ -266,13 +251,13 @@ class Search:
                 return
             best = explanation.best
 
-    def _others(self, base: Attempt) -> list[list[Hypothesis]]:
+    def others(self, base: Attempt) -> list[list[Hypothesis]]:
         """Hypotheses about other things than those of an attempt."""
         return [g for g in self.groups.values() if all(not same(g[0], h) for h in base.hypotheses)]
 
     def follow(self, explanation: Explanation, base: Attempt, hint: Hint) -> None:
         """Fit what a hint suggests beside the hypotheses of ``base``."""
-        held, values = _beside(base, hint.hypotheses, hint.values)
+        held, values = beside(base, hint.hypotheses, hint.values)
         limit = max(min(base.misfit, _WORSE * explanation.best.misfit), POOR)
         self.keep(explanation, held, lambda: self.tighten(held, base, values, limit))
 
@@ -285,7 +270,7 @@ class Search:
             found = refine(
                 held, self.setting.model(held), base.followers, values, ANNEALING[3], 8, self.workers
             )
-            if explained(found):
+            if explained(found) or not found.misfit < _BETTER * base.misfit:
                 return found
             values = found.fit.values
         starts, heard = self.starts, any(h.fault is not None for h in held)
@@ -362,7 +347,7 @@ class Search:
             if hypothesis is None:
                 continue
             added = np.array([suspicion.parameters[u.name] for u in hypothesis.unknowns])
-            held, values = _beside(found, [hypothesis], added)
+            held, values = beside(found, [hypothesis], added)
             self.keep(
                 explanation, held,
                 lambda held=held, values=values: refine(  # type: ignore[misc]
@@ -377,7 +362,7 @@ class Search:
         return Trace.of(self.recordings[r], self.alignments[r], machine, instrument)
 
 
-def _beside(
+def beside(
     base: Attempt, hypotheses: Sequence[Hypothesis], values: np.ndarray
 ) -> tuple[list[Hypothesis], np.ndarray]:
     """Hypotheses with those of an attempt, and (recordings, unknowns) values to begin with."""

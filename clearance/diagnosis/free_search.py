@@ -1,39 +1,57 @@
 """Explain by a force of free form what no named effect does: on which body, as a function of what.
 
-Beside the nominal path the unknown forces suggest curves. Each is tried by following one recording with it:
-first the likeliest curve of each body and direction, then, where that follows best, other arguments. A curve
-that is right follows as a named effect would; its table is then fitted to all recordings.
+Beside the nominal path the unknown forces suggest curves. Each is fitted for a few steps to one recording's
+path; with those that leave clearly less, that recording is followed from its sure place on. A curve that is
+right follows as a named effect would. What it is a function of, all recordings together tell; its table is
+then fitted to them.
 """
 
-from collections.abc import Iterable
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clearance.diagnosis.fit import fit, settle
+from clearance.diagnosis.explain import Explanation, Search
+from clearance.diagnosis.fit import Model, Settled, fit, settle
+from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.growth import grow
-from clearance.diagnosis.missing_force import Curve, free_form
+from clearance.diagnosis.missing_force import Curve, arguments_along, as_function_of, free_form
 from clearance.diagnosis.screening import shapes
-from clearance.diagnosis.search import ANNEALING, LOOSENESS, Attempt
+from clearance.diagnosis.search import ANNEALING, LOOSENESS, Attempt, explained
 from clearance.errors import InputError
-
-if TYPE_CHECKING:
-    from clearance.diagnosis.explain import Explanation, Search
 
 _SMOOTH = 4  # scales of the noise at which paths are smoothed
 _FIRST = 2  # arguments of each direction that are tried first
 _STEPS = 6  # of a trial beside the base's path
-_FOLLOWED = 5  # of the curves tried at a time, with which a recording is followed
+_LESS = 0.8  # of what the base leaves at that scale: a curve that leaves more is not followed with
+_FOLLOWED = 3  # of the curves tried at a time, with which a recording is followed
+_FITTED = 2  # arguments whose tables are fitted to all recordings
+_PART = 0.3  # of the base's misfit: a direction that leaves less is not doubted any more
 
 
-def shape_freely(search: "Search", explanation: "Explanation", base: Attempt) -> None:
-    """Let a force of free form explain what no named effect does.
+@dataclass(frozen=True)
+class Suggestion:
+    """A curve with which one recording was followed better than without.
+
+    Attributes:
+        curve: with the forces found.
+        follower: of that recording, with its path.
+        values: (unknowns,) of the model with its table.
+        misfit: with it.
+    """
+
+    curve: Curve
+    follower: Follower
+    values: np.ndarray
+    misfit: float
+
+
+def suggest_curve(search: Search, base: Attempt) -> list[Curve]:
+    """Curves that promise to explain the recordings, likeliest first: one direction, as functions of what.
 
     Args:
         search: with its traces and starts.
-        explanation: added to.
-        base: beside whose path the curves are looked for.
+        base: beside whose path curves are looked for.
     """
     free = _smoothed(search, base)
     search.report(f"with unknown forces: misfit {free.misfit:.3g}")
@@ -43,16 +61,38 @@ def shape_freely(search: "Search", explanation: "Explanation", base: Attempt) ->
         each.setdefault((curve.body, curve.direction), []).append(curve)
     trials = _Trials(search, base)
     trials.add([curve for curves in each.values() for curve in curves[:_FIRST]])
-    if trials.best is None:
-        return
-    trials.add(each[trials.best.body, trials.best.direction])
-    curve = trials.best
-    hypothesis = free_form(curve, search.setting.joint)
-    values = np.array([[*trials.values[:-1], trace.speed] for trace in search.traces])
-    search.keep(explanation, [hypothesis], lambda: search.grown([hypothesis], values))
+    best = trials.best
+    if best is None:
+        return []
+    # one recording at one speed cannot tell a function of the angle from one of the velocity; all may
+    model = search.setting.model([free_form(best.curve, search.setting.joint)])
+    path = settle([best.follower], model, best.values[None], 0).passes[0]
+    arguments = arguments_along(path, search.setting.joint, best.follower.measured.segment)
+    ranked = []
+    for other in each[best.curve.body, best.curve.direction]:
+        same = other.argument == best.curve.argument
+        alike = best.curve if same else as_function_of(other, best.curve, arguments)
+        if alike is not None:
+            level, forces = trials.beside_all(alike)
+            search.report(f"  as a function of {alike.argument}: {level * ANNEALING[3] ** 2:.3g}")
+            ranked.append((level, replace(alike, forces=forces)))
+    return [curve for _, curve in sorted(ranked, key=lambda one: one[0])]
 
 
-def _smoothed(search: "Search", base: Attempt) -> Attempt:
+def fit_curve(search: Search, explanation: Explanation, curves: Sequence[Curve]) -> None:
+    """Fit the tables of the first suggested curves to all recordings, until one explains them."""
+    for curve in curves[:_FITTED]:
+        hypothesis = free_form(curve, search.setting.joint)
+        first = explanation.nominal.fit.values[0, 0]
+        values = np.array([[first, *curve.forces, trace.speed] for trace in search.traces])
+        search.keep(
+            explanation, [hypothesis], lambda h=hypothesis, v=values: search.grown([h], v)  # type: ignore[misc]
+        )  # fmt: skip
+        if explained(explanation.best):
+            return
+
+
+def _smoothed(search: Search, base: Attempt) -> Attempt:
     """The nominal machine on paths that unknown forces keep near the recordings, whatever acts there.
 
     Not begun from the nominal machine's own paths: where something acts that it lacks, these are torn.
@@ -69,46 +109,63 @@ def _smoothed(search: "Search", base: Attempt) -> Attempt:
 class _Trials:
     """Curves with which the surest recording was followed; the best one is kept."""
 
-    def __init__(self, search: "Search", base: Attempt) -> None:
+    def __init__(self, search: Search, base: Attempt) -> None:
         self.search, self.base = search, base
         self.surest = int(np.argmin([start.doubt for start in search.starts]))
-        self.misfit = base.misfit
-        self.best: Curve | None = None
-        self.values = np.zeros(0)
+        row = base.fit.values[self.surest]
+        self.least = _LESS * self._beside(base.model, row).level
+        self.best: Suggestion | None = None
         self.tried: list[tuple[str, str, str]] = []
 
     def add(self, curves: Iterable[Curve]) -> None:
-        """Try each curve beside the base's path, and follow with the best of them."""
+        """Try each curve beside the base's path, and follow with those that leave clearly less."""
         fitted = []
         for curve in curves:
             key = (curve.body, curve.direction, curve.argument)
-            if key not in self.tried and curve.gain > 0.0:
-                self.tried.append(key)
-                fitted.append(self._beside(curve))
-        for _, curve, row in sorted(fitted, key=lambda one: one[0])[:_FOLLOWED]:
-            label = f"{curve.body} {curve.direction} by {curve.argument}"
+            if key in self.tried or curve.gain <= 0.0:
+                continue
+            self.tried.append(key)
+            row = self.base.fit.values[self.surest]
             model = self.search.setting.model([free_form(curve, self.search.setting.joint)])
             try:
-                found = grow(self.search.starts[self.surest], model, row)
+                found = self._beside(model, np.concatenate([row[:1], curve.forces, row[-1:]]))
             except (InputError, np.linalg.LinAlgError):
                 continue
-            assert found is not None  # without a limit none is given up: a table comes right late
-            self.search.report(f"  {label}: misfit {found[2]:.3g} on one recording")
-            if found[2] < self.misfit:
-                self.misfit, self.values = found[2], found[1]
-                self.best = replace(curve, forces=found[1][1:-1])
+            if found.level < self.least:
+                fitted.append((found.level, replace(curve, forces=found.values[0, 1:-1]), found.values[0]))
+        fitted.sort(key=lambda one: one[0])
+        for _, curve, row in fitted[:_FOLLOWED]:
+            self._follow(curve, row)
+            if self.best is not None and self.best.misfit < _PART * self.base.misfit:
+                return
 
-    def _beside(self, curve: Curve) -> tuple[float, Curve, np.ndarray]:
-        """Misfit, curve and values after a few steps beside the path of the base."""
-        model = self.search.setting.model([free_form(curve, self.search.setting.joint)])
+    def _beside(self, model: Model, row: np.ndarray) -> Settled:
+        """A few steps beside the path of the base."""
         own = self.base.followers[self.surest]
-        row = self.base.fit.values[self.surest]
-        values = np.concatenate([row[:1], curve.forces, row[-1:]])[None]
+        return settle(
+            [own.part(0, own.segments)], model, row[None], _STEPS, 3e-2, 1, home=row[None],
+            scale=ANNEALING[3],
+        )  # fmt: skip
+
+    def beside_all(self, curve: Curve) -> tuple[float, np.ndarray]:
+        """What a curve leaves beside the base's paths of all recordings, and its forces then."""
+        model = self.search.setting.model([free_form(curve, self.search.setting.joint)])
+        rows = self.base.fit.values
+        values = np.array([[*row[:1], *curve.forces, *row[-1:]] for row in rows])
+        followers = [own.part(0, own.segments) for own in self.base.followers]
+        found = settle(
+            followers, model, values, _STEPS, 3e-2, self.search.workers, home=values, scale=ANNEALING[3]
+        )
+        return found.level, found.values[0, 1:-1]
+
+    def _follow(self, curve: Curve, row: np.ndarray) -> None:
+        label = f"{curve.body} {curve.direction} by {curve.argument}"
+        model = self.search.setting.model([free_form(curve, self.search.setting.joint)])
         try:
-            found = settle(
-                [own.part(0, own.segments)], model, values, _STEPS, 3e-2, 1, home=values, scale=ANNEALING[3]
-            )
+            found = grow(self.search.starts[self.surest], model, row)
         except (InputError, np.linalg.LinAlgError):
-            return np.inf, curve, values[0]
-        values = found.values
-        return found.level, replace(curve, forces=values[0, 1:-1]), values[0]
+            return
+        assert found is not None  # without a limit none is given up: a table comes right late
+        self.search.report(f"  {label}: misfit {found[2]:.3g} on one recording")
+        if found[2] < (self.base.misfit if self.best is None else self.best.misfit):
+            self.best = Suggestion(replace(curve, forces=found[1][1:-1]), *found)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clearance.diagnosis.fit import Unknown
-from clearance.diagnosis.follow import EDGE, INPUTS, Pass
+from clearance.diagnosis.follow import EDGE, INPUTS, Comparison, Pass
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
@@ -26,6 +26,8 @@ _OUTLIER = 2.0  # of the scatter between neighbours, beyond which a segment coun
 _ITERATIONS = 8
 _CORRELATED = 3.0  # neighbouring segments that count as one
 _KNOTS = 12  # of a curve
+_STRAIGHT = 0.1  # weight of a bend of the table beside a segment
+_SAID = 0.1  # of a force's variance that may be left where it is a function of another argument
 _TAILS = 0.005  # of the argument's values to each side that the curve does not reach
 FREE_FORM = "free_form"
 """Name of the hypothesis that is no named effect."""
@@ -61,19 +63,21 @@ def observe_forces(passes: Sequence[Pass], inputs: Sequence[np.ndarray], joint: 
     rows = [one[inner] for one in inputs]
     neighbours = np.concatenate([np.diff(one, axis=0) for one in rows])
     scatter = np.maximum(1.4826 / np.sqrt(2.0) * np.median(np.abs(neighbours), axis=0), 1e-9)
-    middle = passes[0].signals.shape[1] // 2
-    found: dict[str, list[np.ndarray]] = {name: [] for name in ARGUMENTS}
-    place = 1 if joint == "B" else 3
-    for one in passes:
-        signals = one.signals[inner, middle]
-        found["crank_angle"].append(signals[:, Signal.CRANK_ANGLE] % (2.0 * np.pi))
-        found["slider_position"].append(signals[:, Signal.SLIDER_POSITION])
-        found["slider_velocity"].append(signals[:, Signal.SLIDER_VELOCITY])
-        found["contact_force"].append(one.contacts[inner, :, place].mean(axis=1))
-        found["time"].append(segment * (np.arange(len(signals)) + EDGE + 0.5))
-    return Seen(
-        np.concatenate(rows) / scatter, scatter, {k: np.concatenate(v) for k, v in found.items()}
-    )  # fmt: skip
+    found = [arguments_along(one, joint, segment) for one in passes]
+    gathered = {name: np.concatenate([one[name] for one in found]) for name in ARGUMENTS}
+    return Seen(np.concatenate(rows) / scatter, scatter, gathered)
+
+
+def arguments_along(one: Comparison, joint: str, segment: float) -> dict[str, np.ndarray]:
+    """(segments,) values of each argument in the middle of a path's segments, its ends left out."""
+    signals = one.signals[EDGE:-EDGE, one.signals.shape[1] // 2]
+    return {
+        "crank_angle": signals[:, Signal.CRANK_ANGLE] % (2.0 * np.pi),
+        "slider_position": signals[:, Signal.SLIDER_POSITION],
+        "slider_velocity": signals[:, Signal.SLIDER_VELOCITY],
+        "contact_force": one.contacts[EDGE:-EDGE, :, 1 if joint == "B" else 3].mean(axis=1),
+        "time": segment * (np.arange(len(signals)) + EDGE + 0.5),
+    }
 
 
 def patterns(
@@ -201,7 +205,9 @@ def curves(seen: Seen, pattern: np.ndarray, joint: str, sizes: np.ndarray) -> li
     for d, (body, direction) in enumerate(directions(joint)):
         for argument in ARGUMENTS:
             values = seen.arguments[argument]
-            knots, hats = _hats(values, argument == "crank_angle")
+            repeats = argument == "crank_angle"
+            knots = _knots(values, repeats)
+            hats = _hats(values, knots, repeats)
             fitted = regress(seen, pattern[:, :, d, None] * hats[:, None, :])
             price = len(knots) * np.log(count / _CORRELATED)
             found.append(
@@ -213,16 +219,39 @@ def curves(seen: Seen, pattern: np.ndarray, joint: str, sizes: np.ndarray) -> li
     return sorted(found, key=lambda curve: curve.price - curve.gain)
 
 
-def _hats(values: np.ndarray, repeats: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Knots and (segments, knots) hat functions."""
+def _knots(values: np.ndarray, repeats: bool) -> np.ndarray:
     if repeats:
-        knots = 2.0 * np.pi * np.arange(_KNOTS) / _KNOTS
-        distance = np.abs((values[:, None] - knots + np.pi) % (2.0 * np.pi) - np.pi) / (2.0 * np.pi / _KNOTS)
+        return 2.0 * np.pi * np.arange(_KNOTS) / _KNOTS
+    low, high = np.quantile(values, [_TAILS, 1.0 - _TAILS])
+    return np.linspace(low, max(high, low + 1e-9), _KNOTS)
+
+
+def _hats(values: np.ndarray, knots: np.ndarray, repeats: bool) -> np.ndarray:
+    """(segments, knots) hat functions."""
+    spacing = knots[1] - knots[0]
+    if repeats:
+        distance = np.abs((values[:, None] - knots + np.pi) % (2.0 * np.pi) - np.pi) / spacing
     else:
-        low, high = np.quantile(values, [_TAILS, 1.0 - _TAILS])
-        knots = np.linspace(low, max(high, low + 1e-9), _KNOTS)
-        distance = np.abs(np.clip(values, low, high)[:, None] - knots) / (knots[1] - knots[0])
-    return knots, np.maximum(1.0 - distance, 0.0)
+        distance = np.abs(np.clip(values, knots[0], knots[-1])[:, None] - knots) / spacing
+    return np.maximum(1.0 - distance, 0.0)
+
+
+def as_function_of(other: Curve, curve: Curve, path: dict[str, np.ndarray]) -> Curve | None:
+    """What a curve says along a path, as a function of another curve's argument; ``None`` if it is none.
+
+    Args:
+        other: whose argument and knots are asked for.
+        curve: whose forces are right.
+        path: arguments along it.
+    """
+    force = _hats(path[curve.argument], curve.knots, curve.argument == "crank_angle") @ curve.forces
+    hats = _hats(path[other.argument], other.knots, other.argument == "crank_angle")
+    # where the path does not come the table goes on straight
+    straight = _STRAIGHT * np.diff(np.eye(_KNOTS), 2, axis=0)
+    rows, right = np.concatenate([hats, straight]), np.concatenate([force, np.zeros(len(straight))])
+    forces = np.linalg.lstsq(rows, right, rcond=None)[0]
+    left = force - hats @ forces
+    return replace(other, forces=forces) if left.var() < _SAID * force.var() else None
 
 
 def unnamed(hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:

@@ -8,27 +8,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clearance.diagnosis.effect import Effect
 from clearance.diagnosis.explain import Explanation, Search, penalised
 from clearance.diagnosis.fit import Model, Unknown
 from clearance.diagnosis.follow import STRUCTURE
-from clearance.diagnosis.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.hypothesis import Setting
+from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.mismatch import Innovations, innovations, interval, locate, root_mean_square, summary
-from clearance.diagnosis.missing_force import FREE_FORM, unnamed
+from clearance.diagnosis.missing_force import FREE_FORM
 from clearance.diagnosis.nominal_map import nominal_map
 from clearance.diagnosis.search import ANNEALING, Attempt, explained, refine
 from clearance.diagnosis.signature import signatures
-from clearance.diagnosis.simplify import enlarge, prune
+from clearance.diagnosis.strategy import find_explanation
 from clearance.diagnosis.trace import Trace, aligned
 from clearance.diagnosis.verdict import (
     equivalents,
     estimates,
+    located,
     probabilities,
     sentences,
     verdict_of,
     withdraw,
 )
-from clearance.errors import InputError
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.layout import Signal, State
@@ -39,7 +41,6 @@ if TYPE_CHECKING:
 METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
 _SHOWN = 1500  # samples of an overlay
 _HINTS = 15  # hypotheses of the ranking that were not fitted
-_UNLIKELY = 0.25  # share of the variance that the ideal mechanism must explain
 
 
 @dataclass
@@ -62,8 +63,8 @@ class Outcome:
 def diagnose(
     recordings: Sequence[Measured],
     held_out: Sequence[Measured],
-    setting: Setting,
-    groups: dict[str, list[Hypothesis]],
+    settings: Sequence[Setting],
+    effects: Sequence[Effect],
     speed_range: tuple[float, float],
     workers: int,
     most: int,
@@ -75,8 +76,8 @@ def diagnose(
     Args:
         recordings: to fit; selection sees only these.
         held_out: to judge by.
-        setting: the nominal machine and the joint.
-        groups: hypotheses by label.
+        settings: the nominal machine, with each joint that may have the clearance.
+        effects: to make hypotheses of.
         speed_range: [rad/s].
         workers: threads.
         most: effects at once.
@@ -87,39 +88,19 @@ def diagnose(
         InputError: a recording that no machine of this kind could have made.
     """
     started = time.monotonic()
-    search = Search(recordings, setting, groups, speed_range, workers, report)
-    for one, found in zip(recordings, search.alignments, strict=True):
-        if found.explained < _UNLIKELY:
-            raise InputError(
-                f"{one.name}: this mechanism explains {max(found.explained, 0.0):.0%} of what it shows, at "
-                f"its best speed ({found.speed * 30 / np.pi:.0f} rpm); is it another machine's, are channels "
-                "swapped, or is its speed outside speed_range?"
-            )
-    search.trace()
-    explanation = search.nominal()
+
+    def say(message: str) -> None:
+        report(f"[{time.monotonic() - started:.0f} s] {message}")
+
+    search, explanation, joints = locate_joint(recordings, settings, effects, speed_range, workers, say)
+    setting, joint = search.setting, search.setting.joint
     keep(explanation)
-    base = explanation.nominal
-    for _ in range(most):
-        if explained(explanation.best):
-            break
-        before = penalised(explanation.best)
-        search.widen(explanation, base)
-        keep(explanation)
-        best = explanation.best
-        if best.hypotheses and not explained(best):
-            enlarge(search, explanation)
-            best = explanation.best
-        if unnamed(best.hypotheses) or explained(best) or penalised(best) > 0.7 * before:
-            break
-        base = best
-    search.scrutinise(explanation, most)
-    prune(search, explanation)
+    find_explanation(search, explanation, most, keep)
     withdraw(explanation)
     search.report("judging on held-out recordings")
     best, nominal = explanation.best, explanation.nominal
     after = _held_out(held_out, search, best)
     before_attempt = _held_out(held_out, search, nominal, after) if best is not nominal else after
-    joint = setting.joint
     errors_after = innovations(after, joint)
     errors_before = innovations(before_attempt, joint, after) if best is not nominal else errors_after
     fit = _fit_numbers(errors_before, errors_after)
@@ -134,7 +115,10 @@ def diagnose(
     others = equivalents(explanation)
     diagnosis: dict[str, Any] = {
         "verdict": verdict,
-        "summary": sentences(verdict, explanation, joint, fit, channels or list(where["channels"])[:1]),
+        "summary": [
+            *sentences(verdict, explanation, joint, fit, channels or list(where["channels"])[:1]),
+            *located(joints),
+        ],
         "mismatch": {
             "detected": verdict != "none", "p_value": None, "body": body,
             "direction": direction, **where,
@@ -145,8 +129,8 @@ def diagnose(
         "free_form": curve,
         "fit": fit,
         "clearance": {
-            "joint": joint, "before_m": float(nominal.fit.values[0, 0]), "after_m": numbers[0].value,
-            "low_m": numbers[0].low, "high_m": numbers[0].high,
+            "joint": joint, "misfit_by_joint": joints, "before_m": float(nominal.fit.values[0, 0]),
+            "after_m": numbers[0].value, "low_m": numbers[0].low, "high_m": numbers[0].high,
         },
         "recordings": [
             {

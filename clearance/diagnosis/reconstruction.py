@@ -58,14 +58,12 @@ class Reconstruction:
         misfit: mean square over samples and channels in units of the noise, large ones counted as 9.
         force: typical force in the joint [N].
         speed: that the drive seems to be asked for [rad/s].
-        misfits: (channels,) the same by channel, not limited.
     """
 
     nodes: np.ndarray
     misfit: float
     force: float
     speed: float
-    misfits: np.ndarray
 
 
 def reconstruct(
@@ -148,9 +146,7 @@ def reconstruct(
     force = 0.0
     for j, joint in enumerate(joints):
         force = _write(nodes, felt, state, j, joint, gaps[j], stiffness[j])
-    return Reconstruction(
-        nodes, float(cost), force, asked, error.mean(axis=0)
-    )  # fmt: skip
+    return Reconstruction(nodes, float(cost), force, asked)
 
 
 def _noise(values: np.ndarray, measured: Measured, p: np.ndarray) -> np.ndarray:

@@ -49,14 +49,11 @@ class Hint:
         hypotheses: to add.
         values: of their parameters to begin with.
         gain: by which the robust sum of squares would fall, in units of the noise.
-        deviations: by how many standard deviations, from the scatter of blocks of segments, its size differs
-            from none; of the last hypothesis.
     """
 
     hypotheses: tuple[Hypothesis, ...]
     values: np.ndarray
     gain: float
-    deviations: float
 
     @property
     def label(self) -> str:
@@ -234,8 +231,6 @@ def _rank(
     low, high = np.array([_range(column) for column in columns]).T / unit[rest]
     changes = np.where(clear, np.clip(vector / safe, low, high), 0.0)
     gains = np.where(clear, (2.0 * vector - alone * changes) * changes, 0.0)
-    spread = np.sqrt(np.maximum((scores**2).sum(axis=0), 1e-300))
-    deviations = np.where(clear, np.abs(vector) / spread, 0.0)
 
     def values(i: int, change: float) -> np.ndarray:
         return _begun(columns[i], change * unit[rest[i]])
@@ -243,10 +238,7 @@ def _rank(
     order: dict[str, int] = {}
     for i in np.argsort(-gains):
         order.setdefault(columns[i].hypothesis.label, int(i))
-    singles = [
-        Hint((columns[i].hypothesis,), values(i, changes[i]), float(gains[i]), float(deviations[i]))
-        for i in order.values()
-    ]
+    singles = [Hint((columns[i].hypothesis,), values(i, changes[i]), float(gains[i])) for i in order.values()]
     # pairs: every promising one with the column that gains most beside it
     pairs: dict[tuple[str, ...], Hint] = {}
     for i in list(order.values())[:_BESIDE]:
@@ -266,8 +258,5 @@ def _rank(
                 continue
             second = float(seconds[j])
             first = float(np.clip(changes[i] - beside[j] * second, low[i], high[i]))
-            pairs[key] = Hint(
-                (one, two), np.concatenate([values(i, first), values(int(j), second)]), gain,
-                float(deviations[j]),
-            )  # fmt: skip
+            pairs[key] = Hint((one, two), np.concatenate([values(i, first), values(int(j), second)]), gain)
     return singles, sorted(pairs.values(), key=lambda hint: -hint.gain)

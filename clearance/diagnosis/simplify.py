@@ -1,17 +1,13 @@
 """Of an explanation that was found: what it can do without, and whether more of the same explains more."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from clearance.diagnosis.explain import Explanation, Search
 from clearance.diagnosis.hypothesis import Hypothesis, same
 from clearance.diagnosis.search import ANNEALING, explained, refine
 
-if TYPE_CHECKING:
-    from clearance.diagnosis.explain import Explanation, Search
 
-
-def prune(search: "Search", explanation: "Explanation") -> None:
+def prune(search: Search, explanation: Explanation) -> None:
     """Take effects away from the best attempt as long as it explains as much without them."""
     while len(explanation.best.hypotheses) > 1:
         best = explanation.best
@@ -39,7 +35,7 @@ def prune(search: "Search", explanation: "Explanation") -> None:
             break
 
 
-def enlarge(search: "Search", explanation: "Explanation") -> None:
+def enlarge(search: Search, explanation: Explanation) -> None:
     """Try the variants of the best attempt's effects that have more parameters."""
     best = explanation.best
     for index, hypothesis in enumerate(best.hypotheses):

@@ -195,3 +195,13 @@ def sentences(
         f"{after:.4f} mm."
     )
     return lines
+
+
+def located(joints: dict[str, float]) -> list[str]:
+    """In plain words, which of several joints was chosen, from the nominal machine's misfit with each."""
+    (joint, least), *others = sorted(joints.items(), key=lambda one: one[1])
+    return [
+        f"The clearance is taken to be in joint {joint}: with it the nominal machine is {np.sqrt(least):.3g} "
+        f"times as far from the recordings as a perfect one, with joint {other} {np.sqrt(misfit):.3g} times."
+        for other, misfit in others
+    ]

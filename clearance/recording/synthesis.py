@@ -40,6 +40,14 @@ class ClearanceLocation:
     b: bool
     c: bool
 
+    def __post_init__(self) -> None:
+        for key in ("b", "c"):
+            if not isinstance(getattr(self, key), bool):
+                raise InputError(
+                    f"joint={self.name}: where a simulated machine has its clearance must be said; joint=B, "
+                    "joint=C, joint=both or joint=none"
+                )
+
 
 @dataclass(frozen=True)
 class Campaign:

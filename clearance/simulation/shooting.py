@@ -98,6 +98,13 @@ def fold(codes: np.ndarray, p: np.ndarray, s: np.ndarray, lane: int, node: np.nd
         node[State.ROD_SPEED] = (vy + to_c * rod_cosine * swing - s[State.SLIDER_Y_RATE, lane]) / gap
 
 
+@subroutine
+def note(r: np.ndarray, lane: int, contact: np.ndarray) -> None:
+    """Write a lane's penetration and normal force of B, then of C."""
+    contact[0], contact[1] = r[Result.PENETRATION_B, lane], r[Result.NORMAL_FORCE_B, lane]
+    contact[2], contact[3] = r[Result.PENETRATION_C, lane], r[Result.NORMAL_FORCE_C, lane]
+
+
 @entry
 def shoot(
     codes: np.ndarray,
@@ -178,10 +185,7 @@ def shoot(
             for c in range(count):
                 put(heard, c * periods + i, get(y, filtered[c]))
             if i % every == 0:
-                contacts[k, i // every, 0] = r[Result.PENETRATION_B, 0]
-                contacts[k, i // every, 1] = r[Result.NORMAL_FORCE_B, 0]
-                contacts[k, i // every, 2] = r[Result.PENETRATION_C, 0]
-                contacts[k, i // every, 3] = r[Result.NORMAL_FORCE_C, 0]
+                note(r, 0, contacts[k, i // every])
                 for c in range(points.size):
                     for lane in range(width):
                         samples[k, i // every, c, lane] = y[points[c], lane]
@@ -260,10 +264,7 @@ def coast(
                 for c in range(SIGNALS):
                     signals[first + lane, i, c] = y[c, lane]
                 if i % every == 0:
-                    contacts[first + lane, i // every, 0] = r[Result.PENETRATION_B, lane]
-                    contacts[first + lane, i // every, 1] = r[Result.NORMAL_FORCE_B, lane]
-                    contacts[first + lane, i // every, 2] = r[Result.PENETRATION_C, lane]
-                    contacts[first + lane, i // every, 3] = r[Result.NORMAL_FORCE_C, lane]
+                    note(r, lane, contacts[first + lane, i // every])
             sample_period(codes, p, s, r, w, scheme, h, substeps, refinement)
         for lane in range(min(width, count - first)):
             fold(codes, p, s, lane, ends[first + lane])

@@ -7,7 +7,7 @@ import pytest
 
 from clearance.diagnosis.demonstration import CLEARANCE, FRICTION, SPEED, record
 from clearance.diagnosis.effect import load_effects
-from clearance.diagnosis.hypothesis import Setting, gather
+from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.measured import Measured, chain_of
 from clearance.diagnosis.outcome import diagnose
 from clearance.mechanism.drive import SpeedControl
@@ -65,20 +65,20 @@ def test_the_report_carries_the_very_numbers(demonstrated):
 
 
 @pytest.mark.parametrize(
-    ("joint", "clearance"), [("C", 5e-4), pytest.param("B", 2e-4, marks=pytest.mark.slow)]
+    ("joint", "clearance", "told"),
+    [("C", 5e-4, "C"), pytest.param("B", 2e-4, "BC", marks=pytest.mark.slow)],
 )
-def test_nothing_is_found_where_nothing_is_missing(joint, clearance):
+def test_nothing_is_found_where_nothing_is_missing(joint, clearance, told):
     setting = Setting(SliderCrank(), joint)
     machine = replace(setting.with_clearance(clearance), drive=SpeedControl(SPEED, ramp=0.1))
     recording = record(machine, 2)
     whole = Measured.of(recording, chain_of(recording, "null"), "null")
     cut = 2 * len(whole.values) // 3
-    groups = gather(load_effects("physics"), setting.with_clearance(3e-4), joint, recording.channels)
     outcome = diagnose(
         [whole.part(0, cut)],
         [whole.part(cut, len(whole.values))],
-        setting,
-        groups,
+        [Setting(SliderCrank(), one) for one in told],
+        load_effects("physics"),
         (150 * RPM, 3000 * RPM),
         workers=1,
         most=1,
@@ -86,6 +86,7 @@ def test_nothing_is_found_where_nothing_is_missing(joint, clearance):
     )
     found = outcome.diagnosis
     assert (found["verdict"], found["effects"]) == ("none", [])
+    assert found["clearance"]["joint"] == joint
     assert found["clearance"]["after_m"] == pytest.approx(clearance, rel=2e-3)
     assert found["fit"]["held_out"]["after"] < 1.1
 
@@ -106,7 +107,7 @@ def recordings(tmp_path_factory):
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (("joint=both",), "joint=B or joint=C"),
+        (("joint=both",), "joint=B, joint=C or joint=unknown"),
         (("hypotheses=[gide_friction]",), "guide_friction"),
         (("hypotheses=[gravity]", "without=[gravity]"), "change hypotheses or without"),
         (("recordings=[nowhere.parquet]",), "nowhere.parquet"),

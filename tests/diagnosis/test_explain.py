@@ -8,12 +8,13 @@ import pytest
 
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.explain import Search, _begun
-from clearance.diagnosis.free_search import shape_freely
+from clearance.diagnosis.free_search import fit_curve, suggest_curve
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.missing_force import FREE_FORM
 from clearance.diagnosis.screening import Hint
 from clearance.diagnosis.search import explained
+from clearance.diagnosis.trace import aligned
 from clearance.diagnosis.verdict import estimates
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import SpeedControl
@@ -44,7 +45,8 @@ def search(clearance, names, **laws):
     measured = Measured.of(Recording(values, channels, CHAIN.rate), CHAIN, "one")
     effects = load_effects(list(names), [])
     groups = gather(effects, SETTING.with_clearance(3e-4), "C", measured.channels)
-    one = Search([measured], SETTING, groups, (50.0, 150.0), 1, lambda _: None)
+    alignment = aligned(measured, SETTING.with_clearance(3e-4), (50.0, 150.0))
+    one = Search([measured], [alignment], SETTING, groups, 1, lambda _: None)
     one.trace()
     return one, one.nominal()
 
@@ -76,7 +78,9 @@ def test_a_force_without_a_name_is_found_on_its_body_with_its_argument():
     law = TabulatedForce("slider", "x", "slider_position", knots[0], knots[1] - knots[0], tuple(forces))
     found, explanation = search(1.5e-4, ("gravity",), force=law)
     assert not explained(explanation.nominal)
-    shape_freely(found, explanation, explanation.nominal)
+    suggested = suggest_curve(found, explanation.nominal)
+    assert suggested
+    fit_curve(found, explanation, suggested)
     best = explanation.best
     (hypothesis,) = best.hypotheses
     assert (hypothesis.name, hypothesis.body, hypothesis.direction) == (FREE_FORM, "slider", "x")
@@ -92,6 +96,6 @@ def test_a_small_effect_begins_where_it_has_hardly_begun():
     effects = load_effects(["contact_stiffness", "torque_ripple"], [])
     groups = gather(effects, SETTING.with_clearance(3e-4), "C", ())
     stiffness, ripple = (next(g[0] for g in groups.values() if g[0].name == e.name) for e in effects)
-    assert _begun(Hint((stiffness,), np.array([0.1]), 1.0, 1.0)) == pytest.approx([0.991])
-    begun = _begun(Hint((ripple,), np.array([2.0, 3.0, 0.7]), 1.0, 1.0))
+    assert _begun(Hint((stiffness,), np.array([0.1]), 1.0)) == pytest.approx([0.991])
+    begun = _begun(Hint((ripple,), np.array([2.0, 3.0, 0.7]), 1.0))
     np.testing.assert_allclose(begun, [0.02, 3.0, 0.7])
