@@ -192,8 +192,10 @@ class Search:
         return [grown[r][0] for r in range(len(starts))], rows, float(np.mean([g[2] for g in grown.values()]))
 
     def loosened(self, attempt: Attempt) -> Attempt:
-        """An attempt with unknown forces beside it: what it lacks shows in them."""
-        return loosen(attempt, [trace.forces(LOOSENESS) for trace in self.traces], self.workers)
+        """The nominal machine on an attempt's paths with unknown forces: what it lacks shows in them."""
+        forces = [trace.forces(LOOSENESS) for trace in self.traces]
+        values = attempt.fit.values[:, [0, -1]]
+        return loosen(self.setting.model(), values, attempt.followers, forces, self.workers)
 
     def widen(self, explanation: Explanation, base: Attempt) -> Screening:
         """Fit what points where the misfit points beside ``base``, until something explains the recordings.

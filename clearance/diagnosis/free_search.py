@@ -15,9 +15,17 @@ from clearance.diagnosis.explain import Explanation, Search
 from clearance.diagnosis.fit import Model, Settled, fit, settle
 from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.growth import grow
-from clearance.diagnosis.missing_force import Curve, arguments_along, as_function_of, free_form
+from clearance.diagnosis.missing_force import (
+    PLACES,
+    Curve,
+    along,
+    arguments_along,
+    as_function_of,
+    effect_as_curves,
+    free_form,
+)
 from clearance.diagnosis.screening import shapes
-from clearance.diagnosis.search import ANNEALING, LOOSENESS, Attempt, explained
+from clearance.diagnosis.search import ANNEALING, LOOSENESS, Attempt, explained, refine
 from clearance.errors import InputError
 
 _SMOOTH = 4  # scales of the noise at which paths are smoothed
@@ -26,6 +34,7 @@ _STEPS = 6  # of a trial beside the base's path
 _LESS = 0.8  # of what the base leaves at that scale: a curve that leaves more is not followed with
 _FOLLOWED = 3  # of the curves tried at a time, with which a recording is followed
 _FITTED = 2  # arguments whose tables are fitted to all recordings
+_SAID = 0.1  # of a force's variance that may be left where it is a function of another argument
 _PART = 0.3  # of the base's misfit: a direction that leaves less is not doubted any more
 
 
@@ -68,14 +77,16 @@ def suggest_curve(search: Search, base: Attempt) -> list[Curve]:
     model = search.setting.model([free_form(best.curve, search.setting.joint)])
     path = settle([best.follower], model, best.values[None], 0).passes[0]
     arguments = arguments_along(path, search.setting.joint, best.follower.measured.segment)
+    force = along(best.curve, arguments[best.curve.argument])
     ranked = []
     for other in each[best.curve.body, best.curve.direction]:
-        same = other.argument == best.curve.argument
-        alike = best.curve if same else as_function_of(other, best.curve, arguments)
-        if alike is not None:
-            level, forces = trials.beside_all(alike)
-            search.report(f"  as a function of {alike.argument}: {level * ANNEALING[3] ** 2:.3g}")
-            ranked.append((level, replace(alike, forces=forces)))
+        forces, left = as_function_of(force, arguments[other.argument], other.knots, other.argument)
+        if other.argument == best.curve.argument:
+            forces, left = best.curve.forces, 0.0
+        if left < _SAID:
+            level, forces = trials.beside_all(replace(other, forces=forces))
+            search.report(f"  as a function of {other.argument}: {level * ANNEALING[3] ** 2:.3g}")
+            ranked.append((level, replace(other, forces=forces)))
     return [curve for _, curve in sorted(ranked, key=lambda one: one[0])]
 
 
@@ -87,6 +98,37 @@ def fit_curve(search: Search, explanation: Explanation, curves: Sequence[Curve])
         values = np.array([[first, *curve.forces, trace.speed] for trace in search.traces])
         search.keep(
             explanation, [hypothesis], lambda h=hypothesis, v=values: search.grown([h], v)  # type: ignore[misc]
+        )  # fmt: skip
+        if explained(explanation.best):
+            return
+
+
+def reshape(search: Search, explanation: Explanation) -> None:
+    """Let a force of free form take the place of a named effect that explains a part.
+
+    Something else that acts much like it, on the same body, may be in its place. The table begins as what
+    the effect does, on its paths, which are nearly right.
+    """
+    best = explanation.best
+    place = (best.hypotheses[0].body, best.hypotheses[0].direction)
+    if best.scale > ANNEALING[3] or len(best.hypotheses) > 1 or place not in PLACES:
+        return
+    nominal = search.setting.model()
+    passes = []
+    for follower, row in zip(best.followers, best.fit.values, strict=True):
+        passes.append(follower.look(nominal.machine(row[[0, -1]]), [best.model.machine(row)]))
+    joint, segment = search.setting.joint, best.followers[0].measured.segment
+    sigmas = [follower.input_sigma for follower in best.followers]
+    for curve in effect_as_curves(passes, sigmas, place, joint, segment)[:_FITTED]:
+        hypothesis = free_form(curve, joint)
+        model = search.setting.model([hypothesis])
+        values = np.array([[row[0], *curve.forces, row[-1]] for row in best.fit.values])
+        search.report(f"  in its place, a function of {curve.argument}")
+        search.keep(
+            explanation, [hypothesis],
+            lambda h=hypothesis, m=model, v=values: refine(  # type: ignore[misc]
+                [h], m, best.followers, v, ANNEALING[3], 8, search.workers
+            ),
         )  # fmt: skip
         if explained(explanation.best):
             return

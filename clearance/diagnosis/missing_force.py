@@ -27,10 +27,13 @@ _ITERATIONS = 8
 _CORRELATED = 3.0  # neighbouring segments that count as one
 _KNOTS = 12  # of a curve
 _STRAIGHT = 0.1  # weight of a bend of the table beside a segment
-_SAID = 0.1  # of a force's variance that may be left where it is a function of another argument
+_HALF = 0.5  # of a force's variance: what leaves more of it is no function of an argument
 _TAILS = 0.005  # of the argument's values to each side that the curve does not reach
 FREE_FORM = "free_form"
 """Name of the hypothesis that is no named effect."""
+
+PLACES = (("crank", "torque"), ("rod", "moment"), ("slider", "x"))
+"""Where the unknown forces act, in the order of ``INPUTS``."""
 
 ARGUMENTS = ("crank_angle", "slider_position", "slider_velocity", "contact_force", "time")
 
@@ -236,22 +239,55 @@ def _hats(values: np.ndarray, knots: np.ndarray, repeats: bool) -> np.ndarray:
     return np.maximum(1.0 - distance, 0.0)
 
 
-def as_function_of(other: Curve, curve: Curve, path: dict[str, np.ndarray]) -> Curve | None:
-    """What a curve says along a path, as a function of another curve's argument; ``None`` if it is none.
+def as_function_of(
+    force: np.ndarray, values: np.ndarray, knots: np.ndarray, argument: str
+) -> tuple[np.ndarray, float]:
+    """A force along a path as a function of an argument: its table, and the share of its variance left out.
 
     Args:
-        other: whose argument and knots are asked for.
-        curve: whose forces are right.
-        path: arguments along it.
+        force: (segments,) [N or N m].
+        values: (segments,) of the argument.
+        knots: (knots,) of the table; where the path does not come it goes on straight.
+        argument: of ``ARGUMENTS``.
     """
-    force = _hats(path[curve.argument], curve.knots, curve.argument == "crank_angle") @ curve.forces
-    hats = _hats(path[other.argument], other.knots, other.argument == "crank_angle")
-    # where the path does not come the table goes on straight
-    straight = _STRAIGHT * np.diff(np.eye(_KNOTS), 2, axis=0)
+    hats = _hats(values, knots, argument == "crank_angle")
+    straight = _STRAIGHT * np.diff(np.eye(len(knots)), 2, axis=0)
     rows, right = np.concatenate([hats, straight]), np.concatenate([force, np.zeros(len(straight))])
     forces = np.linalg.lstsq(rows, right, rcond=None)[0]
-    left = force - hats @ forces
-    return replace(other, forces=forces) if left.var() < _SAID * force.var() else None
+    return forces, float((force - hats @ forces).var() / max(force.var(), 1e-300))
+
+
+def along(curve: Curve, values: np.ndarray) -> np.ndarray:
+    """(segments,) force of a curve at values of its argument [N or N m]."""
+    return _hats(values, curve.knots, curve.argument == "crank_angle") @ curve.forces
+
+
+def effect_as_curves(
+    passes: Sequence[Pass], sigmas: Sequence[np.ndarray], place: tuple[str, str], joint: str, segment: float
+) -> list[Curve]:
+    """What an effect does on one body in one direction, as curves of the arguments that can say it.
+
+    Args:
+        passes: of the machine without the effect, beside paths of the one with it; their only column is the
+            machine with it.
+        sigmas: (inputs,) standard deviations of the unknown forces of each [N m, N m, N].
+        place: body and direction, one of ``PLACES``.
+        joint: whose contact force counts.
+        segment: its duration [s].
+
+    Returns:
+        Curves, the one that says it best first; none that leaves more than half out.
+    """
+    force = patterns(passes, sigmas, slice(0, 1), np.ones(len(INPUTS)))[:, PLACES.index(place), 0]
+    each = [arguments_along(one, joint, segment) for one in passes]
+    found = []
+    for argument in ARGUMENTS:
+        values = np.concatenate([one[argument] for one in each])
+        knots = _knots(values, argument == "crank_angle")
+        forces, left = as_function_of(force, values, knots, argument)
+        if left < _HALF:
+            found.append((left, Curve(*place, argument, knots, forces, np.zeros(len(knots)), 0.0, 0.0)))
+    return [curve for _, curve in sorted(found, key=lambda one: one[0])]
 
 
 def unnamed(hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:

@@ -130,24 +130,31 @@ def tightened(followers: Sequence[Follower]) -> list[Follower]:
     return own
 
 
-def loosen(attempt: Attempt, forces: Sequence[np.ndarray], workers: int = 1) -> Attempt:
-    """The same model with unknown forces beside it, which show what it lacks.
+def loosen(
+    model: Model,
+    values: np.ndarray,
+    followers: Sequence[Follower],
+    forces: Sequence[np.ndarray],
+    workers: int = 1,
+) -> Attempt:
+    """A model on given paths with unknown forces beside it, which show what it lacks.
 
     Args:
-        attempt: not changed.
-        forces: (inputs,) their standard deviations for each recording [N m, N m, N].
+        model: of the machine.
+        values: (recordings, unknowns) to begin with.
+        followers: with paths; not changed.
+        forces: (inputs,) standard deviations of the forces for each recording [N m, N m, N].
         workers: threads.
     """
-    own = [f.part(0, f.segments) for f in attempt.followers]
+    own = [f.part(0, f.segments) for f in followers]
     for follower, sigma in zip(own, forces, strict=True):
         follower.input_sigma = sigma
         follower.path.inputs[:] = 0.0
     best: Attempt | None = None
-    values = attempt.fit.values
     for scale in ANNEALING[2:4]:
-        found = fit(own, attempt.model, values, 10, 3e-2, workers, scale=scale)
+        found = fit(own, model, values, 10, 3e-2, workers, scale=scale)
         values = found.values
-        best = Attempt(attempt.hypotheses, attempt.model, found, scale, found.level, own)
+        best = Attempt((), model, found, scale, found.level, own)
         if found.level > 0.3:
             break
     assert best is not None

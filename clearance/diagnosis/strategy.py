@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from clearance.diagnosis.elsewhere import begin_elsewhere
 from clearance.diagnosis.explain import Explanation, Search, penalised
-from clearance.diagnosis.free_search import fit_curve, suggest_curve
+from clearance.diagnosis.free_search import fit_curve, reshape, suggest_curve
 from clearance.diagnosis.missing_force import Curve, unnamed
 from clearance.diagnosis.screening import Hint
 from clearance.diagnosis.search import Attempt, explained
@@ -43,9 +43,12 @@ def find_explanation(
         while base not in built_on and _in_part(base, before) and len(base.hypotheses) < most:
             built_on.append(base)
             enlarge(search, explanation)
+            if not explained(explanation.best):
+                reshape(search, explanation)
+            if _enough(explanation):
+                return
             base = explanation.best
-            if not explained(base):
-                search.widen(explanation, base)
+            search.widen(explanation, base)
             if not search.settled(explanation, base):
                 begin_elsewhere(search, explanation, base)
             before, base = base, explanation.best
@@ -70,11 +73,18 @@ def find_explanation(
         fit_curve(search, explanation, waiting)
 
     for step in (single, build_on, curve, elsewhere, build_on, pair, build_on, other_curve):
-        if not explained(explanation.best):
+        if not _enough(explanation):
             step()
             keep(explanation)
     search.scrutinise(explanation, most)
     prune(search, explanation)
+
+
+def _enough(explanation: Explanation) -> bool:
+    """Whether the recordings are explained, or a table leaves so little that its shape alone is missing."""
+    best = explanation.best
+    table = unnamed(best.hypotheses) is not None
+    return explained(best) or (table and best.misfit < _PART * explanation.nominal.misfit)
 
 
 def _in_part(attempt: Attempt, base: Attempt) -> bool:

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.effect import load_effects
-from clearance.diagnosis.explain import Search, _begun
+from clearance.diagnosis.explain import _begun
 from clearance.diagnosis.free_search import fit_curve, suggest_curve
 from clearance.diagnosis.hypothesis import Setting, gather
+from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
-from clearance.diagnosis.missing_force import FREE_FORM
+from clearance.diagnosis.missing_force import FREE_FORM, as_function_of
 from clearance.diagnosis.screening import Hint
 from clearance.diagnosis.search import explained
-from clearance.diagnosis.trace import aligned
 from clearance.diagnosis.verdict import estimates
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import SpeedControl
@@ -29,11 +29,12 @@ from clearance.simulation.trajectory import simulate_trajectory
 
 CHAIN, SETTING = MeasurementChain(), Setting(SliderCrank(), "C")
 RPM, SETTLED, SECONDS, NOISE = 700.0, 0.3, 0.25, 0.01
+SPEEDS = (50.0, 150.0)
 
 
 @cache
-def search(clearance, names, **laws):
-    """A search after its nominal stage, with its explanation, for a machine that has these laws beside."""
+def recorded(clearance, **laws):
+    """A short recording of a machine with clearance in joint C that has these laws beside."""
     joint = Joint(clearance, **({"contact": laws.pop("contact")} if "contact" in laws else {}))
     machine = replace(SETTING.machine, joint_c=joint, drive=SpeedControl(RPM, ramp=0.05), **laws)
     channels = tuple(ACCELERATIONS)
@@ -42,13 +43,26 @@ def search(clearance, names, **laws):
     first = round(SETTLED * CHAIN.base_rate)
     values = CHAIN.smooth(found.signals[:, signals])[first :: CHAIN.decimation][: round(SECONDS * CHAIN.rate)]
     values = values + NOISE * values.std(axis=0) * np.random.default_rng(3).normal(size=values.shape)
-    measured = Measured.of(Recording(values, channels, CHAIN.rate), CHAIN, "one")
+    return Measured.of(Recording(values, channels, CHAIN.rate), CHAIN, "one")
+
+
+@cache
+def search(clearance, names, **laws):
+    """A search after its nominal stage, with its explanation, for a machine that has these laws beside."""
     effects = load_effects(list(names), [])
-    groups = gather(effects, SETTING.with_clearance(3e-4), "C", measured.channels)
-    alignment = aligned(measured, SETTING.with_clearance(3e-4), (50.0, 150.0))
-    one = Search([measured], [alignment], SETTING, groups, 1, lambda _: None)
-    one.trace()
-    return one, one.nominal()
+    found, explanation, _ = locate_joint(
+        [recorded(clearance, **laws)], [SETTING], effects, SPEEDS, 1, lambda _: None
+    )
+    return found, explanation
+
+
+def test_an_unknown_joint_is_found():
+    settings = [Setting(SliderCrank(), joint) for joint in "BC"]
+    found, explanation, tried = locate_joint([recorded(2e-4)], settings, [], SPEEDS, 1, lambda _: None)
+    assert found.setting.joint == "C"
+    assert explained(explanation.nominal)
+    assert "C" in tried
+    assert explanation.nominal.fit.values[0, 0] == pytest.approx(2e-4, rel=5e-3)
 
 
 STIFF = ("contact_stiffness", "joint_lubrication", "gravity", "sensor_gain")
@@ -99,3 +113,15 @@ def test_a_small_effect_begins_where_it_has_hardly_begun():
     assert _begun(Hint((stiffness,), np.array([0.1]), 1.0)) == pytest.approx([0.991])
     begun = _begun(Hint((ripple,), np.array([2.0, 3.0, 0.7]), 1.0))
     np.testing.assert_allclose(begun, [0.02, 3.0, 0.7])
+
+
+def test_a_force_is_written_as_a_function_of_what_it_depends_on():
+    angle = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    velocity, position = -3.0 * np.sin(angle), 0.05 * np.cos(angle)
+    drag, knots = -velocity * np.abs(velocity), np.linspace(-4.0, 4.0, 12)
+    forces, left = as_function_of(drag, velocity, knots, "slider_velocity")
+    inside = np.abs(knots) < 3.0
+    np.testing.assert_allclose(forces[inside], -(knots * np.abs(knots))[inside], atol=0.5)
+    assert left < 0.01
+    assert forces[0] > forces[1] > forces[2], "it goes on straight beyond the path"
+    assert as_function_of(drag, position, np.linspace(-0.05, 0.05, 12), "slider_position")[1] > 0.9
