@@ -35,6 +35,7 @@ _LESS = 0.8  # of what the base leaves at that scale: a curve that leaves more i
 _FOLLOWED = 3  # of the curves tried at a time, with which a recording is followed
 _FITTED = 2  # arguments whose tables are fitted to all recordings
 _SAID = 0.1  # of a force's variance that may be left where it is a function of another argument
+_NAMED = 3  # named effects that are tried in the place of a table
 _PART = 0.3  # of the base's misfit: a direction that leaves less is not doubted any more
 
 
@@ -132,6 +133,28 @@ def reshape(search: Search, explanation: Explanation) -> None:
         )  # fmt: skip
         if explained(explanation.best):
             return
+
+
+def name_curve(search: Search, explanation: Explanation) -> None:
+    """Try named effects in the place of a table, on its paths, where they can be judged.
+
+    Beside the nominal machine's own paths an effect that is right may promise little.
+    """
+    best = explanation.best
+    model, values = search.setting.model(), best.fit.values[:, [0, -1]]
+    own = [follower.part(0, follower.segments) for follower in best.followers]
+    nominal = fit(own, model, values, 0, 1.0, search.workers, scale=ANNEALING[2])
+    base = Attempt((), model, nominal, ANNEALING[2], nominal.level, own)
+    for hint in search.look(explanation, base).likely[:_NAMED]:
+        hypotheses = list(hint.hypotheses)
+        held = search.setting.model(hypotheses)
+        begun = np.array([[row[0], *hint.values, row[1]] for row in values])
+        search.keep(
+            explanation, hypotheses,
+            lambda h=hypotheses, m=held, v=begun: refine(  # type: ignore[misc]
+                h, m, own, v, ANNEALING[2], 8, search.workers
+            ),
+        )  # fmt: skip
 
 
 def _smoothed(search: Search, base: Attempt) -> Attempt:

@@ -4,9 +4,8 @@ from collections.abc import Callable
 
 from clearance.diagnosis.elsewhere import begin_elsewhere
 from clearance.diagnosis.explain import Explanation, Search, penalised
-from clearance.diagnosis.free_search import fit_curve, reshape, suggest_curve
+from clearance.diagnosis.free_search import fit_curve, name_curve, reshape, suggest_curve
 from clearance.diagnosis.missing_force import Curve, unnamed
-from clearance.diagnosis.screening import Hint
 from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.simplify import enlarge, prune
 
@@ -19,10 +18,11 @@ def find_explanation(
 ) -> None:
     """Find what explains the recordings, with as few effects as it takes.
 
-    Single effects and sensors at fault come first; beside one that explains a good part of the misfit, the
-    next one. Then forces of free form on the slider, where no further named effect acts; effects that no
-    linear look can judge; pairs of which neither shows without the other; other forces of free form. What
-    explains is looked beside for what is small, and pruned.
+    Single effects and sensors at fault come first, if they promise a good part of what is missing; beside one
+    that explains a good part, the next one. Then forces of free form on the slider; effects that no linear
+    look can judge; what promised little; pairs of which neither shows without the other; other forces of free
+    form. A table is put to the test against names. What explains is looked beside for what is small, and
+    pruned.
 
     Args:
         search: after its nominal stage.
@@ -30,13 +30,25 @@ def find_explanation(
         most: effects that may be missing together.
         keep: called after each step with what was found so far.
     """
+    if not explained(explanation.nominal):
+        _search_all(search, explanation, most, keep)
+    search.scrutinise(explanation, most)
+    prune(search, explanation)
+
+
+def _search_all(
+    search: Search, explanation: Explanation, most: int, keep: Callable[[Explanation], None]
+) -> None:
     nominal = explanation.nominal
-    pairs: list[Hint] = []
+    prospects = search.look(explanation, nominal)
     built_on: list[Attempt] = []
     waiting: list[Curve] = []
 
     def single() -> None:
-        pairs.extend(search.widen(explanation, nominal).pairs[:_PAIRS])
+        search.widen(explanation, nominal, prospects.likely)
+
+    def unlikely() -> None:
+        search.widen(explanation, nominal, prospects.unlikely)
 
     def build_on() -> None:
         before, base = nominal, explanation.best
@@ -48,7 +60,7 @@ def find_explanation(
             if _enough(explanation):
                 return
             base = explanation.best
-            search.widen(explanation, base)
+            search.widen(explanation, base, search.look(explanation, base).likely)
             if not search.settled(explanation, base):
                 begin_elsewhere(search, explanation, base)
             before, base = base, explanation.best
@@ -65,19 +77,20 @@ def find_explanation(
             begin_elsewhere(search, explanation, nominal)
 
     def pair() -> None:
-        for hint in pairs:
+        for hint in prospects.pairs[:_PAIRS]:
             if not explained(explanation.best):
                 search.follow(explanation, nominal, hint)
 
     def other_curve() -> None:
         fit_curve(search, explanation, waiting)
 
-    for step in (single, build_on, curve, elsewhere, build_on, pair, build_on, other_curve):
+    steps = (single, build_on, curve, elsewhere, build_on, unlikely, build_on, pair, build_on, other_curve)
+    for step in steps:
         if not _enough(explanation):
             step()
             keep(explanation)
-    search.scrutinise(explanation, most)
-    prune(search, explanation)
+    if unnamed(explanation.best.hypotheses) is not None:
+        name_curve(search, explanation)
 
 
 def _enough(explanation: Explanation) -> bool:
