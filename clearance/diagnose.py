@@ -3,7 +3,7 @@
 import logging
 import os
 import sys
-from math import pi
+from math import inf, pi
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +57,7 @@ def main(cfg: DictConfig) -> None:
     most = cfg.most_effects
     if isinstance(most, bool) or not isinstance(most, int) or not 1 <= most <= 3:
         raise InputError(f"most_effects = {most!r} is not a whole number from 1 to 3; change most_effects")
+    limit = _time_limit(cfg.time_limit)
     workers = threads(cfg.workers) or os.cpu_count() or 1
     recordings, held_out = _read("recordings", cfg.recordings), _read("held_out", cfg.held_out)
 
@@ -86,7 +87,10 @@ def main(cfg: DictConfig) -> None:
         if not recordings:
             log.info("no recordings given: a demonstration on a simulated machine with friction on its guide")
         fitted, judged = _load(recordings or demonstration(settings[0]), held_out, channels)
-        outcome = diagnose(fitted, judged, settings, effects, (low, high), workers, most, log.info, keep)
+        outcome = diagnose(
+            fitted, judged, settings, effects, (low, high), workers, most, log.info, keep,
+            limit,
+        )  # fmt: skip
     _write(folder, outcome)
     lines = [*outcome.diagnosis["summary"], *outcome.diagnosis["warnings"]]
     sys.stdout.write("\n" + "\n".join(lines) + "\n")
@@ -100,6 +104,14 @@ def _speeds(given: Any) -> tuple[float, float]:
     if len(values) != 2 or len(numbers) != 2 or not 0.0 < numbers[0] < numbers[1]:
         raise InputError(f"speed_range = {values} is not two rising speeds above 0 rpm; change speed_range")
     return numbers[0] * pi / 30.0, numbers[1] * pi / 30.0
+
+
+def _time_limit(given: Any) -> float:
+    if given is None:
+        return inf
+    if isinstance(given, bool) or not isinstance(given, int | float) or not given > 0.0:
+        raise InputError(f"time_limit = {given!r} is not a time above 0 s or null; change time_limit")
+    return float(given)
 
 
 def _load(

@@ -26,6 +26,8 @@ def begin_elsewhere(search: Search, explanation: Explanation, base: Attempt) -> 
     tried: list[tuple[float, list[Hypothesis], np.ndarray]] = []
     for group in _judged_elsewhere(search.others(base)):
         for hypothesis in group[:_TRIALS]:
+            if search.late():
+                break
             held, values = beside(base, [hypothesis], hypothesis.start)
             model, row = search.setting.model(held), values[surest]
             try:

@@ -1,5 +1,6 @@
 """From recordings to an explanation: nominal first, then one, two or three hypotheses beside it."""
 
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -102,9 +103,16 @@ class Search:
         groups: dict[str, list[Hypothesis]],
         workers: int,
         report: Callable[[str], None],
+        deadline: float = np.inf,
     ) -> None:
         self.recordings, self.alignments, self.setting = list(recordings), list(alignments), setting
         self.groups, self.workers, self.report = groups, workers, report
+        self.deadline, self.interrupted = deadline, False
+
+    def late(self) -> bool:
+        """Whether the deadline [s of ``time.monotonic``] has passed: nothing new is tried then."""
+        self.interrupted = self.interrupted or time.monotonic() > self.deadline
+        return self.interrupted
 
     def trace(self) -> None:
         """Find the clearance at which the motion agrees best, and the path of every recording."""
@@ -239,12 +247,11 @@ class Search:
                 self.deafen(explanation, base, channel)
 
     def settled(self, explanation: Explanation, base: Attempt) -> bool:
-        """Whether nothing else need be tried beside ``base``: what was found explains nearly everything."""
+        """Whether nothing else is tried beside ``base``: nearly all is explained, or it is late."""
         best = explanation.best
-        return explained(best) or (
-            len(best.hypotheses) > len(base.hypotheses)
-            and best.misfit < min(_FAR_BETTER * explanation.nominal.misfit, _NEARLY)
-        )
+        further = len(best.hypotheses) > len(base.hypotheses)
+        nearly = best.misfit < min(_FAR_BETTER * explanation.nominal.misfit, _NEARLY)
+        return explained(best) or (further and nearly) or self.late()
 
     def scrutinise(self, explanation: Explanation, most: int) -> None:
         """Look beside what explains the recordings for what is small but sure, until nothing is.
@@ -255,6 +262,8 @@ class Search:
         """
         best = explanation.best
         while explained(best) and len(best.hypotheses) < most and unnamed(best.hypotheses) is None:
+            if self.late():
+                return
             found = screen(best, self.others(best), self.setting.joint, self.workers)
             explanation.hints = explanation.hints or found.singles
             sure = [hint for hint in found.singles if hint.gain > _SURE][:_FITTED]
@@ -341,9 +350,11 @@ class Search:
 
     def deafen(self, explanation: Explanation, base: Attempt, channel: str) -> None:
         """Fit without a channel: where that explains everything, its sensor is at fault; how, is fitted."""
-        deaf = [start.without(channel) for start in self.starts]
+        deaf, values = [start.without(channel) for start in self.starts], base.fit.values
         try:
-            found = self.grown(base.hypotheses, base.fit.values, deaf, max(base.misfit, POOR))
+            if base is explanation.nominal and base.misfit > _UNSURE:  # it may have misled the clearance, too
+                deaf, values = self.unheard(channel)
+            found = self.grown(base.hypotheses, values, deaf, max(base.misfit, POOR))
         except (InputError, np.linalg.LinAlgError):
             return
         if found is None:
@@ -376,6 +387,16 @@ class Search:
             )  # fmt: skip
             if explained(explanation.best):
                 return
+
+    def unheard(self, channel: str) -> tuple[list[Start], np.ndarray]:
+        """Where recordings can be followed from without a channel; (recordings, 2) clearances and speeds."""
+        recordings = [one.without(channel) for one in self.recordings]
+        clearance = profile(recordings, self.alignments, self.setting.with_clearance, self.workers).best
+        machine = self.setting.with_clearance(clearance)
+        traces = [Trace.of(*one, machine) for one in zip(recordings, self.alignments, strict=True)]
+        values = np.array([[clearance, trace.speed] for trace in traces])
+        self.report(f"without {channel} the motion suggests a clearance of {clearance * 1e3:.3f} mm")
+        return self.begin(traces, self.setting.model(), values), values
 
     def retrace(self, r: int, machine: SliderCrank, instrument: Instrument = NO_FAULT) -> Trace:
         """The path of a recording for another machine, or with faults of its sensors undone."""

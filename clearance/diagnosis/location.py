@@ -22,6 +22,7 @@ def locate_joint(
     speed_range: tuple[float, float],
     workers: int,
     report: Callable[[str], None],
+    deadline: float = np.inf,
 ) -> tuple[Search, Explanation, dict[str, float]]:
     """Refit the nominal machine with clearance in each joint that it may be in; the best one is gone on with.
 
@@ -35,6 +36,7 @@ def locate_joint(
         speed_range: [rad/s].
         workers: threads.
         report: called with progress.
+        deadline: of the search [s of ``time.monotonic``].
 
     Returns:
         The search of the joint chosen, its nominal explanation, and the misfit with each joint tried.
@@ -55,7 +57,7 @@ def locate_joint(
     searches = []
     for setting in settings:
         groups = gather(effects, setting.with_clearance(3e-4), setting.joint, recordings[0].channels)
-        searches.append(Search(recordings, alignments, setting, groups, workers, report))
+        searches.append(Search(recordings, alignments, setting, groups, workers, report, deadline))
         searches[-1].trace()
     tried: list[tuple[Search, Explanation]] = []
     for search in sorted(searches, key=lambda one: float(one.profile.misfit.min())):

@@ -70,6 +70,7 @@ def diagnose(
     most: int,
     report: Callable[[str], None],
     keep: Callable[[Explanation], None] = lambda _: None,
+    time_limit: float = np.inf,
 ) -> Outcome:
     """Find what the nominal machine lacks.
 
@@ -83,6 +84,7 @@ def diagnose(
         most: effects at once.
         report: called with progress.
         keep: called after each stage with what was found so far.
+        time_limit: after which nothing new is tried [s].
 
     Raises:
         InputError: a recording that no machine of this kind could have made.
@@ -92,7 +94,9 @@ def diagnose(
     def say(message: str) -> None:
         report(f"[{time.monotonic() - started:.0f} s] {message}")
 
-    search, explanation, joints = locate_joint(recordings, settings, effects, speed_range, workers, say)
+    search, explanation, joints = locate_joint(
+        recordings, settings, effects, speed_range, workers, say, started + time_limit
+    )
     setting, joint = search.setting, search.setting.joint
     keep(explanation)
     find_explanation(search, explanation, most, keep)
@@ -141,8 +145,14 @@ def diagnose(
             for r, one in enumerate(recordings)
         ],
         "warnings": [
-            f"{one.name}: {', '.join(one.silent)} shows nothing but a constant and was left out"
-            for one in recordings if one.silent
+            *(
+                f"{one.name}: {', '.join(one.silent)} shows nothing but a constant and was left out"
+                for one in recordings if one.silent
+            ),
+            *(
+                [f"After {time_limit:.0f} s nothing new was tried; time_limit=null sets no limit."]
+                if search.interrupted else []
+            ),
         ],
         "seconds": round(time.monotonic() - started, 1),
     }  # fmt: skip

@@ -61,12 +61,16 @@ def enlarge(search: Search, explanation: Explanation) -> None:
             one = refine(
                 held, search.setting.model(held), best.followers, values, best.scale, 8, search.workers
             )
+            explanation.attempts.append(one)
+            search.report(f"{one.label}: misfit {one.misfit:.3g}")
+            if explained(best):
+                continue
             # the smaller one may owe its misfit to a worse path: give it the larger one's
             again = refine(
                 best.hypotheses, best.model, one.followers, best.fit.values, ANNEALING[3], 8, search.workers
             )
-            explanation.attempts += [one, again]
-            search.report(f"{one.label}: misfit {one.misfit:.3g}; without the added: {again.misfit:.3g}")
+            explanation.attempts.append(again)
+            search.report(f"  without the added: {again.misfit:.3g}")
             if explained(again):
                 return
 

@@ -10,6 +10,7 @@ from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.simplify import enlarge, prune
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
+_ROOM = 1.03  # misfit above which an effect that explains may have more parameters
 _PAIRS = 3  # pairs that are fitted
 
 
@@ -32,6 +33,8 @@ def find_explanation(
     """
     if not explained(explanation.nominal):
         _search_all(search, explanation, most, keep)
+    if explained(explanation.best) and explanation.best.misfit > _ROOM:
+        enlarge(search, explanation)
     search.scrutinise(explanation, most)
     prune(search, explanation)
 
@@ -57,7 +60,7 @@ def _search_all(
             enlarge(search, explanation)
             if not explained(explanation.best):
                 reshape(search, explanation)
-            if _enough(explanation):
+            if _enough(explanation) or search.late():
                 return
             base = explanation.best
             search.widen(explanation, base, search.look(explanation, base).likely)
@@ -78,7 +81,7 @@ def _search_all(
 
     def pair() -> None:
         for hint in prospects.pairs[:_PAIRS]:
-            if not explained(explanation.best):
+            if not search.settled(explanation, nominal):
                 search.follow(explanation, nominal, hint)
 
     def other_curve() -> None:
@@ -86,10 +89,10 @@ def _search_all(
 
     steps = (single, build_on, curve, elsewhere, build_on, unlikely, build_on, pair, build_on, other_curve)
     for step in steps:
-        if not _enough(explanation):
+        if not (_enough(explanation) or search.late()):
             step()
             keep(explanation)
-    if unnamed(explanation.best.hypotheses) is not None:
+    if unnamed(explanation.best.hypotheses) is not None and not search.late():
         name_curve(search, explanation)
 
 
