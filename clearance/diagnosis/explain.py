@@ -107,12 +107,13 @@ class Search:
     ) -> None:
         self.recordings, self.alignments, self.setting = list(recordings), list(alignments), setting
         self.groups, self.workers, self.report = groups, workers, report
-        self.deadline, self.interrupted = deadline, False
+        self.deadline, self.stopped = deadline, ""
 
     def late(self) -> bool:
-        """Whether the deadline [s of ``time.monotonic``] has passed: nothing new is tried then."""
-        self.interrupted = self.interrupted or time.monotonic() > self.deadline
-        return self.interrupted
+        """Whether nothing new is to be tried; ``stopped`` says why."""
+        if not self.stopped and time.monotonic() > self.deadline:
+            self.stopped = "time_limit was over (time_limit=null sets none)"
+        return bool(self.stopped)
 
     def trace(self) -> None:
         """Find the clearance at which the motion agrees best, and the path of every recording."""

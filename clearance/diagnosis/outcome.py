@@ -99,7 +99,11 @@ def diagnose(
     )
     setting, joint = search.setting, search.setting.joint
     keep(explanation)
-    find_explanation(search, explanation, most, keep)
+    try:
+        find_explanation(search, explanation, most, keep)
+    except KeyboardInterrupt:
+        search.stopped = "it was interrupted"
+        say("interrupted: what was found so far is judged and written; once more ends it at once")
     withdraw(explanation)
     search.report("judging on held-out recordings")
     best, nominal = explanation.best, explanation.nominal
@@ -150,8 +154,7 @@ def diagnose(
                 for one in recordings if one.silent
             ),
             *(
-                [f"After {time_limit:.0f} s nothing new was tried; time_limit=null sets no limit."]
-                if search.interrupted else []
+                [f"Not everything was tried: {search.stopped}."] if search.stopped else []
             ),
         ],
         "seconds": round(time.monotonic() - started, 1),

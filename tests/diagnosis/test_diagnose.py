@@ -91,6 +91,30 @@ def test_nothing_is_found_where_nothing_is_missing(joint, clearance, told):
     assert found["fit"]["held_out"]["after"] < 1.1
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("stopped", ["time_limit", "interrupted"])
+def test_what_was_found_so_far_is_judged(stopped, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    setting = Setting(SliderCrank(), "C")
+    machine = replace(setting.with_clearance(2e-4), drive=SpeedControl(SPEED, ramp=0.1))
+    recording = record(replace(machine, gravity=(0.0, -4.0)), 2)
+    whole = Measured.of(recording, chain_of(recording, "one"), "one")
+    cut = 2 * len(whole.values) // 3
+    parts = [whole.part(0, cut)], [whole.part(cut, len(whole.values))]
+    if stopped == "interrupted":
+        monkeypatch.setattr("clearance.diagnosis.outcome.find_explanation", interrupt)
+    limit = 1e-3 if stopped == "time_limit" else float("inf")
+    found = diagnose(
+        *parts, [setting], load_effects("physics"), (150 * RPM, 3000 * RPM), 1, 1, lambda _: None,
+        time_limit=limit,
+    ).diagnosis  # fmt: skip
+    assert (found["verdict"], found["effects"]) == ("unknown", [])
+    (warning,) = found["warnings"]
+    assert stopped in warning
+
+
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
     """A folder with a recording, one that is too short, one at another rate and one with fewer channels."""
