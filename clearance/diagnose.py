@@ -24,10 +24,10 @@ from clearance.diagnosis.outcome import Outcome, diagnose
 from clearance.diagnosis.report import write_report
 from clearance.errors import InputError
 from clearance.mechanism.description import write_mechanism
-from clearance.models.run_folder import write_json
 from clearance.recording.correction import corrected
 from clearance.recording.files import read
 from clearance.recording.recording import Recording
+from clearance.whole_files import write_json
 
 log = logging.getLogger(__name__)
 

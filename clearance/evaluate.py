@@ -12,9 +12,10 @@ from clearance.errors import InputError
 from clearance.evaluation.fresh import FRESH, evaluate_fresh
 from clearance.evaluation.overview import overview
 from clearance.evaluation.results import collect, markdown, put_between_marks
-from clearance.models.run_folder import CONFIG, METRICS, read_json, read_yaml, write_atomically, write_json
+from clearance.models.run_folder import CONFIG, METRICS
 from clearance.models.trusted import instantiate_trusted
 from clearance.predict import load_gauge
+from clearance.whole_files import read_json, read_yaml, write_atomically, write_json
 
 log = logging.getLogger(__name__)
 

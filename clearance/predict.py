@@ -11,10 +11,11 @@ from omegaconf import DictConfig, OmegaConf
 from clearance.commands import command
 from clearance.errors import InputError
 from clearance.models.gauge import Estimate, Gauge
-from clearance.models.run_folder import CONFIG, read_yaml, write_json
+from clearance.models.run_folder import CONFIG
 from clearance.models.trusted import instantiate_trusted
 from clearance.recording.correction import corrected
 from clearance.recording.files import read
+from clearance.whole_files import read_yaml, write_json
 
 log = logging.getLogger(__name__)
 

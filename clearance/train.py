@@ -11,7 +11,8 @@ from omegaconf import DictConfig, OmegaConf
 from clearance.commands import command
 from clearance.evaluation.evaluate import evaluate
 from clearance.models.gauge import Calibration, Gauge
-from clearance.models.run_folder import METRICS, RunFolder, environment, read_json
+from clearance.models.run_folder import METRICS, RunFolder, environment
+from clearance.whole_files import read_json
 
 log = logging.getLogger(__name__)
 

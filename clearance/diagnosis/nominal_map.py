@@ -15,8 +15,8 @@ from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
-from clearance.models.run_folder import write_json
 from clearance.recording.channels import SensorSet
+from clearance.whole_files import write_json
 
 CLEARANCES = (5e-5, 1e-4, 2e-4, 3e-4, 5e-4, 8e-4)  # m
 SPEEDS = (500.0, 600.0, 700.0, 800.0, 900.0, 1000.0)  # rpm

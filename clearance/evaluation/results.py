@@ -6,7 +6,8 @@ from typing import Any
 
 from clearance.errors import InputError
 from clearance.evaluation.fresh import FRESH
-from clearance.models.run_folder import CONFIG, METRICS, read_json, read_yaml
+from clearance.models.run_folder import CONFIG, METRICS
+from clearance.whole_files import read_json, read_yaml
 
 
 def collect(folder: Path) -> list[dict[str, Any]]:

@@ -12,7 +12,8 @@ from sklearn.ensemble import RandomForestRegressor
 
 from clearance.errors import InputError
 from clearance.mechanism.parameters import require
-from clearance.models.run_folder import RunFolder, write_atomically
+from clearance.models.run_folder import RunFolder
+from clearance.whole_files import write_atomically
 from clearance.windows.datamodule import WindowData
 from clearance.windows.window_set import WindowSet
 

@@ -13,8 +13,8 @@ from clearance.mechanism.parameters import require
 from clearance.models.estimator import Estimator
 from clearance.models.familiarity import Familiarity
 from clearance.models.interval import ConformalInterval, robust_mean, spread
-from clearance.models.run_folder import read_json, write_json
 from clearance.recording.chain import chain_differences, declared_chain
+from clearance.whole_files import read_json, write_json
 from clearance.windows.datamodule import WindowData
 from clearance.windows.scaling import Scalers
 from clearance.windows.window_set import WindowSet

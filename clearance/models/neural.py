@@ -32,8 +32,9 @@ from clearance.errors import InputError
 from clearance.mechanism.parameters import require
 from clearance.models.processor import efficient_processor
 from clearance.models.regressor import Regressor
-from clearance.models.run_folder import RunFolder, write_atomically
+from clearance.models.run_folder import RunFolder
 from clearance.models.schedule import Schedule
+from clearance.whole_files import write_atomically
 from clearance.windows.datamodule import WindowData
 from clearance.windows.window_set import WindowSet
 

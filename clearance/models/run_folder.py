@@ -1,20 +1,18 @@
 """The folder of one training: what is in it, written so that a kill leaves no half file."""
 
-import json
 import platform
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import torch
 import yaml
 from lightning.pytorch.loggers import TensorBoardLogger
 
 from clearance.errors import InputError
+from clearance.whole_files import read_yaml, write_atomically, write_json
 
 CONFIG, METRICS = "config.yaml", "metrics.json"
 
@@ -75,45 +73,6 @@ def _differing(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
     return sorted(
         key for key in {*one, *other} if key not in one or key not in other or one[key] != other[key]
     )
-
-
-def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
-    """Let ``write`` fill a neighbour of ``path``, then rename it: readers see the old file or the new one."""
-    temporary = path.with_name(f".{path.stem}.{uuid4().hex}{path.suffix}")
-    try:
-        write(temporary)
-        temporary.replace(path)
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror or error}); make room or set the output folder"
-        ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def write_json(path: Path, content: Any) -> None:
-    """Write plain data atomically; NaN and infinity are refused, since JSON has neither."""
-    text = json.dumps(content, indent=1, allow_nan=False)
-    write_atomically(path, lambda file: file.write_text(text + "\n", encoding="utf-8"))
-
-
-def read_json(path: Path) -> Any:
-    """Read plain data; a missing or foreign file is the user's error."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not a readable file of a training ({error}); set checkpoint") from error
-
-
-def read_yaml(path: Path) -> dict[str, Any] | None:
-    """Read a configuration; None where there is none."""
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: not a readable configuration ({error}); set checkpoint") from error
-    return content if isinstance(content, dict) else None
 
 
 def environment() -> dict[str, Any]:

@@ -12,13 +12,13 @@ from omegaconf import DictConfig
 from clearance.commands import command, shard
 from clearance.errors import InputError
 from clearance.evaluation.results import put_between_marks
-from clearance.models.run_folder import write_atomically, write_json
 from clearance.trial import pictures
 from clearance.trial.conceal import conceal
 from clearance.trial.examine import Examiner
 from clearance.trial.reveal import commit_verdicts, reveal
 from clearance.trial.score import score_case
 from clearance.trial.summary import failures, summarise, table
+from clearance.whole_files import write_atomically, write_json
 
 log = logging.getLogger(__name__)
 

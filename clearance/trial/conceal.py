@@ -10,12 +10,12 @@ from typing import Any
 from uuid import uuid4
 
 from clearance.errors import InputError
-from clearance.models.run_folder import read_json, write_json
 from clearance.provenance import describe
 from clearance.trial.draw import Drawing, Scope
 from clearance.trial.plant import write_parquet
 from clearance.trial.seal import close, digest, unlock, write_private
 from clearance.trial.simulate import simulate
+from clearance.whole_files import read_json, write_json
 
 COMMITMENT, CASES, CASE = "commitment.json", "cases", "case.json"
 _PLAN = "plan.json"

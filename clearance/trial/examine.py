@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from clearance.models.run_folder import read_json, write_json
 from clearance.trial.case import KNOWN_FRAME
 from clearance.trial.conceal import CASE, CASES, names_of
+from clearance.whole_files import read_json, write_json
 
 VERDICTS, VERDICT = "verdicts", "verdict.json"
 _DIAGNOSIS = "diagnosis.json"

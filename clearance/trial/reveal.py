@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from clearance.errors import InputError
-from clearance.models.run_folder import read_json, write_json
 from clearance.trial.case import Case
 from clearance.trial.conceal import COMMITMENT, names_of
 from clearance.trial.examine import VERDICT, VERDICTS
 from clearance.trial.seal import digest, open_seal
+from clearance.whole_files import read_json, write_json
 
 HASHES = "verdicts.json"
 

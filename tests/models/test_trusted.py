@@ -13,7 +13,7 @@ from clearance.models.trusted import instantiate_trusted
         "clearance.models.run_folder.shutil.rmtree",
         "clearance.models.run_folder.Path",
         "clearance.models.trusted.instantiate",
-        "clearance.models.run_folder.write_json",
+        "clearance.whole_files.write_json",
         "clearance.recording.files.write",
         "hydra.utils.get_method",
         "torch.nn.modules.module.torch.load",

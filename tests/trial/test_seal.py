@@ -19,7 +19,6 @@ from hydra.utils import instantiate
 from clearance.commands import CONFIGURATION
 from clearance.errors import InputError
 from clearance.mechanism.frame import FixedFrame, FlexibleFrame
-from clearance.models.run_folder import read_json, write_json
 from clearance.recording.files import read
 from clearance.trial.case import KNOWN_FRAME
 from clearance.trial.conceal import CASE, COMMITMENT, conceal
@@ -30,6 +29,7 @@ from clearance.trial.repertoire import EFFECTS, FAULTS
 from clearance.trial.reveal import HASHES, commit_verdicts, reveal
 from clearance.trial.seal import TRUTH, close, digest, unlock
 from clearance.trial.simulate import simulate
+from clearance.whole_files import read_json, write_json
 from tests.command_line import call, command, environment
 from tests.trial.conftest import SCOPE, TOOL
 

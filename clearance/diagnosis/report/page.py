@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance.models.run_folder import write_atomically
+from clearance.whole_files import write_atomically
 
 # in this order
 SCRIPTS = ("dom.js", "plot.js", "heat.js", "mechanism.js", "force.js", "better.js", "seen.js", "page.js")
