@@ -11,6 +11,8 @@ from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.search import EXPLAINED, LOOSENESS, POOR, Attempt, explained
 from clearance.errors import InputError
 
+_FITTED = 2  # of them that are fitted to all recordings
+_PART = 0.5  # of the base's misfit: one that leaves more of one recording is not
 _TRIALS = 3  # plausible shapes of an effect that are tried
 _ELSEWHERE = ("soft_drive", "second_clearance", "rod_flexibility", "flexible_base", "guide_clearance")
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
@@ -44,16 +46,11 @@ def begin_elsewhere(search: Search, explanation: Explanation, base: Attempt) -> 
                 break
         if tried and tried[-1][0] < EXPLAINED:
             break
-    tried.sort(key=lambda one: one[0])
-    for _, held, row in tried[:2]:
-        model = search.setting.model(held)
-        values = np.array([[*row[:-1], trace.speed] for trace in search.traces])
-        search.keep(
-            explanation, held,
-            lambda h=held, m=model, v=values: search.grown(  # type: ignore[misc]
-                h, v, [_begun(search, h[-1], m, row, r) for r, row in enumerate(v)]
-            ),
-        )  # fmt: skip
+    worth = max(_PART * base.misfit, POOR)
+    for misfit, held, row in sorted(tried, key=lambda one: one[0])[:_FITTED]:
+        if misfit > worth or search.late():
+            return
+        search.keep(explanation, held, lambda h=held, v=row: _everywhere(search, h, v, surest))  # type: ignore[misc]
         if explained(explanation.best):
             return
 
@@ -62,8 +59,26 @@ def _begun(search: Search, hypothesis: Hypothesis, model: Model, row: np.ndarray
     """Where a recording can be followed from with a hypothesis: anew where it adds coordinates."""
     if not hypothesis.structural(search.setting.with_clearance(3e-4)):
         return search.starts[r]
-    machine = model.machine(row)
-    return Start.of(search.retrace(r, machine), model.held(row), LOOSENESS)
+    return Start.of(search.retrace(r, model.machine(row)), model.held(row), LOOSENESS)
+
+
+def _everywhere(search: Search, held: Sequence[Hypothesis], row: np.ndarray, surest: int) -> Attempt | None:
+    """Fit to all recordings what the surest one suggests.
+
+    What speed a drive is asked for, and its integral, follow from the torque by the drive's own gains: the
+    others' paths are sought anew with another drive.
+    """
+    model = search.setting.model(held)
+    starts, values = list(search.starts), np.repeat(row[None], len(search.starts), axis=0)
+    for r, trace in enumerate(search.traces):
+        if r != surest:
+            values[r, -1] = trace.speed
+        if held[-1].name == "soft_drive" and r != surest:
+            starts[r] = Start.of(search.retrace(r, model.machine(row)), model.held(row), LOOSENESS)
+            values[r, -1] = starts[r].trace.speed
+        else:
+            starts[r] = _begun(search, held[-1], model, values[r], r)
+    return search.grown(held, values, starts)
 
 
 def _single(hypothesis: Hypothesis) -> bool:

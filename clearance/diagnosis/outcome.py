@@ -209,7 +209,7 @@ def _held_out(
     found: Attempt | None
     if beside is not None and _alike(machine, beside.model.machine(beside.fit.values[0])):
         speeds = beside.fit.values[:, -1:]
-        found = refine((), only_speed, beside.followers, speeds, ANNEALING[1], 8, search.workers)
+        found = refine((), only_speed, beside.followers, speeds, ANNEALING[1], 8, search.workers, False)
     else:
         near = [abs(known.speed) for known in search.alignments]
 
