@@ -26,10 +26,15 @@ def begin_elsewhere(search: Search, explanation: Explanation, base: Attempt) -> 
     """
     surest = int(np.argmin([start.doubt for start in search.starts]))
     tried: list[tuple[float, list[Hypothesis], np.ndarray]] = []
+
+    def everywhere(held: list[Hypothesis], row: np.ndarray) -> bool:
+        search.keep(explanation, held, lambda: _everywhere(search, held, row, surest))
+        return explained(explanation.best)
+
     for group in _judged_elsewhere(search.others(base)):
         for hypothesis in group[:_TRIALS]:
             if search.late():
-                break
+                return
             held, values = beside(base, [hypothesis], hypothesis.start)
             model, row = search.setting.model(held), values[surest]
             try:
@@ -41,17 +46,14 @@ def begin_elsewhere(search: Search, explanation: Explanation, base: Attempt) -> 
                 continue
             misfit = found[2]
             search.report(f"  {hypothesis.label}: misfit {misfit:.3g} on one recording")
-            tried.append((misfit, held, found[1]))
-            if misfit < EXPLAINED:
+            if misfit < EXPLAINED:  # of the others, too? one recording at one speed shows little of a motor
+                if everywhere(held, found[1]):
+                    return
                 break
-        if tried and tried[-1][0] < EXPLAINED:
-            break
-    worth = max(_PART * base.misfit, POOR)
-    for misfit, held, row in sorted(tried, key=lambda one: one[0])[:_FITTED]:
-        if misfit > worth or search.late():
-            return
-        search.keep(explanation, held, lambda h=held, v=row: _everywhere(search, h, v, surest))  # type: ignore[misc]
-        if explained(explanation.best):
+            tried.append((misfit, held, found[1]))
+    tried.sort(key=lambda one: one[0])
+    for misfit, held, row in tried[:_FITTED]:
+        if misfit > _PART * base.misfit or search.late() or everywhere(held, row):
             return
 
 

@@ -353,7 +353,7 @@ class Search:
         """Fit without a channel: where that explains everything, its sensor is at fault; how, is fitted."""
         deaf, values = [start.without(channel) for start in self.starts], base.fit.values
         try:
-            if base is explanation.nominal and base.misfit > _UNSURE:  # it may have misled the clearance, too
+            if base is explanation.nominal and base.misfit > FOLLOWED:  # it may have misled the path, too
                 deaf, values = self.unheard(channel)
             found = self.grown(base.hypotheses, values, deaf, max(base.misfit, POOR))
         except (InputError, np.linalg.LinAlgError):
