@@ -367,11 +367,13 @@ class Search:
         for follower, trace in zip(hearing, self.traces, strict=True):
             first = follower.measured.first - trace.measured.first
             follower.measured = trace.measured.part(first, first + follower.segments)
-        one, measured = found.fit.passes[0], hearing[0].measured
+        measured = hearing[0].measured
         shape = (-1, len(measured.channels))
-        suspicions = suspect(
-            measured.values.reshape(shape), one.predicted.reshape(shape), list(measured.channels),
-            measured.chain.rate, measured.sigma, channel,
+        suspicions = suspect(  # a limit may be reached at the highest of several speeds alone
+            np.concatenate([one.measured.values.reshape(shape) for one in hearing]),
+            np.concatenate([one.predicted.reshape(shape) for one in found.fit.passes]),
+            list(measured.channels), measured.chain.rate,
+            np.mean([one.measured.sigma for one in hearing], axis=0), channel,
         )  # fmt: skip
         known = {(g[0].name, g[0].channel): g[0] for g in self.groups.values()}
         for suspicion in suspicions[:_SUSPECTED]:
