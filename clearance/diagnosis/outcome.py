@@ -23,6 +23,7 @@ from clearance.diagnosis.signature import signatures
 from clearance.diagnosis.strategy import find_explanation
 from clearance.diagnosis.trace import Trace, aligned
 from clearance.diagnosis.verdict import (
+    clearance_of,
     equivalents,
     estimates,
     located,
@@ -117,7 +118,7 @@ def diagnose(
     channels = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > 0.1][:3]
     verdict = verdict_of(explanation)
     body, direction = _place(best, where)
-    numbers = estimates(best)
+    numbers, clearance = estimates(best), clearance_of(explanation)
     curve, band = _free_form(best, numbers, setting)
     chance = probabilities(explanation)
     others = equivalents(explanation)
@@ -138,7 +139,7 @@ def diagnose(
         "fit": fit,
         "clearance": {
             "joint": joint, "misfit_by_joint": joints, "before_m": float(nominal.fit.values[0, 0]),
-            "after_m": numbers[0].value, "low_m": numbers[0].low, "high_m": numbers[0].high,
+            "after_m": clearance.value, "low_m": clearance.low, "high_m": clearance.high,
         },
         "recordings": [
             {

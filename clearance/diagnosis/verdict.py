@@ -20,6 +20,7 @@ _BLIND, _UNSEEN = (
 )  # share of its information that a direction is seen with; what it counts with if not
 _PUSHES = {"torque": "torque", "moment": "moment"}
 _WORSE = 1.02  # and ratio of their levels
+_NEAR = 2.0  # times the best misfit: models that say as much of the clearance, where none explains
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,23 @@ def verdict_of(explanation: Explanation) -> str:
         return "ambiguous"
     kinds = {h.kind for h in best.hypotheses}
     return "mixed" if len(kinds) > 1 else kinds.pop()
+
+
+def clearance_of(explanation: Explanation) -> Estimate:
+    """The clearance [m]: of what explains the recordings, with its interval.
+
+    Where nothing does, the interval spans those of all models that are up to twice as far off as the nearest
+    one: what is missing may have moved each of them.
+    """
+    best = explanation.best
+    own = estimates(best)[0]
+    if explained(best):
+        return own
+    near = [explanation.nominal, *explanation.attempts]
+    each = [estimates(a)[0] for a in near if a.misfit <= _NEAR * best.misfit]
+    return Estimate(
+        own.value, min([own.low, *(e.low for e in each)]), max([own.high, *(e.high for e in each)])
+    )
 
 
 def probabilities(explanation: Explanation) -> dict[int, float]:

@@ -7,7 +7,14 @@ import pytest
 
 from clearance.diagnosis import verdict
 from clearance.diagnosis.explain import Explanation
-from clearance.diagnosis.verdict import Estimate, _covariance, equivalents, verdict_of, withdraw
+from clearance.diagnosis.verdict import (
+    Estimate,
+    _covariance,
+    clearance_of,
+    equivalents,
+    verdict_of,
+    withdraw,
+)
 
 
 def attempt(names, misfit, kind="physics", off=0.0):
@@ -44,6 +51,18 @@ def test_an_explanation_that_only_adds_to_the_best_one_is_no_rival():
     best, longer = attempt(["slider_spring"], 1.0), attempt(["torque_ripple", "slider_spring"], 1.0)
     found = equivalents(Explanation(attempt([], 50.0), [best, longer]))
     assert found == [best]
+
+
+@pytest.mark.parametrize(("misfit", "expected"), [(1.0, (3.0, 2.9, 3.1)), (4.0, (3.0, 1.9, 4.1))])
+def test_where_nothing_explains_the_clearance_spans_what_comes_near(misfit, expected, monkeypatch):
+    places = {"gravity": 3.0, "slider_spring": 2.0, "soft_drive": 4.0, "torque_ripple": 9.0, "": 9.5}
+    monkeypatch.setattr(verdict, "estimates", lambda a: [
+        Estimate(c, c - 0.1, c + 0.1) for c in [places["".join(h.name for h in a.hypotheses)]]
+    ])  # fmt: skip
+    near = [attempt(["slider_spring"], 1.5 * misfit), attempt(["soft_drive"], 1.9 * misfit)]
+    far = attempt(["torque_ripple"], 2.1 * misfit)
+    found = clearance_of(Explanation(attempt([], 50.0), [attempt(["gravity"], misfit), *near, far]))
+    assert (found.value, found.low, found.high) == pytest.approx(expected)
 
 
 def test_an_effect_that_may_as_well_be_off_is_withdrawn(monkeypatch):
