@@ -7,6 +7,7 @@ import pytest
 import torch
 import yaml
 from hydra import compose, initialize_config_dir
+from hydra.errors import InstantiationException
 from hydra.utils import get_object, instantiate
 
 from clearance.commands import CONFIGURATION
@@ -66,6 +67,10 @@ def test_every_option_is_chosen_and_makes_what_it_says(group, option):
     assert cfg.hydra.runtime.choices[top] == (f"{experiment}/{option}" if experiment else option)
     if command == "trial":
         assert instantiate(cfg.scope, _convert_="all").cases == cfg.scope.cases
+        return
+    if (group, option) == ("joint", "unknown"):  # for recordings; a simulation must be told
+        with pytest.raises(InstantiationException, match="must be said"):
+            instantiate(cfg.campaign, _convert_="all")
         return
     campaign = instantiate(cfg.campaign, _convert_="all")
     if top in MACHINE or top in IN_JOINTS:

@@ -154,7 +154,7 @@ def _simplest_rate(steps: int, span: float, slack: float) -> float:
     for digits in range(1, 16):
         rate = float(f"{steps / span:.{digits - 1}e}")
         period = float(f"{span / steps:.{digits - 1}e}")
-        for candidate in (rate, float(f"{1.0 / period:.15g}")):
-            if low <= candidate <= high:
-                return candidate
+        simple = [one for one in (rate, float(f"{1.0 / period:.15g}")) if low <= one <= high]
+        if simple:  # two stamps, 0 and 0.004 s, allow 200 Hz as well as 250
+            return min(simple, key=lambda one: abs(one - steps / span))
     return steps / span

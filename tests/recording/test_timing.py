@@ -36,6 +36,11 @@ def test_any_exact_clock_is_uniform(rate, start, samples):
     )
 
 
+@pytest.mark.parametrize("period", [0.003, 0.004, 0.008])
+def test_two_stamps_mean_what_they_say(period):
+    assert uniform_time_base(np.array([0.0, period])).rate == pytest.approx(1.0 / period, rel=1e-12)
+
+
 def test_units_scale_the_clock():
     assert uniform_time_base(np.arange(0.0, 50.0, 0.5), unit=1e-3) == TimeBase(2000.0, 0.0)
 
