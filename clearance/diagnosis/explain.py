@@ -38,6 +38,7 @@ _SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which
 _LOOKS = 2  # times that recordings are followed anew with better values
 _FITTED = 4  # hypotheses of one screening that are fitted
 _HOPEFUL = 0.1  # of the best one's gain: less is not fitted
+_LITTLE = 1e-3  # misfit above a perfect model's: less is nothing to take shares of
 _LIKELY = 0.04  # of what is missing: effects that were right promised 5 to 90 %, others 0 to 6 %
 _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
@@ -226,7 +227,7 @@ class Search:
         self.report(f"looking at all hypotheses beside {base.label}")
         found = screen(base, self.others(base), self.setting.joint, self.workers)
         explanation.hints = explanation.hints or found.singles
-        missing = (base.misfit - 1.0) * sum(p.samples for p in base.fit.passes)
+        missing = max(base.misfit - 1.0, _LITTLE) * sum(p.samples for p in base.fit.passes)
         for hint in found.singles[:5]:
             self.report(f"  {hint.label}: promises {hint.gain / missing:.1%} of what is missing")
         best = found.singles[0].gain if found.singles else 0.0

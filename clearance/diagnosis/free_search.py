@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clearance.diagnosis.explain import Explanation, Search
+from clearance.diagnosis.explain import Explanation, Search, beside
 from clearance.diagnosis.fit import Model, Settled, fit, settle
 from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.growth import grow
@@ -146,12 +146,11 @@ def name_curve(search: Search, explanation: Explanation) -> None:
     nominal = fit(own, model, values, 0, 1.0, search.workers, scale=ANNEALING[2])
     base = Attempt((), model, nominal, ANNEALING[2], nominal.level, own)
     for hint in search.look(explanation, base).likely[:_NAMED]:
-        hypotheses = list(hint.hypotheses)
-        held = search.setting.model(hypotheses)
-        begun = np.array([[row[0], *hint.values, row[1]] for row in values])
+        held, begun = beside(base, hint.hypotheses, hint.values)
+        model = search.setting.model(held)
         search.keep(
-            explanation, hypotheses,
-            lambda h=hypotheses, m=held, v=begun: refine(  # type: ignore[misc]
+            explanation, held,
+            lambda h=held, m=model, v=begun: refine(  # type: ignore[misc]
                 h, m, own, v, ANNEALING[2], 8, search.workers
             ),
         )  # fmt: skip
@@ -180,20 +179,16 @@ class _Trials:
         row = base.fit.values[self.surest]
         self.least = _LESS * self._beside(base.model, row).level
         self.best: Suggestion | None = None
-        self.tried: list[tuple[str, str, str]] = []
 
     def add(self, curves: Iterable[Curve]) -> None:
         """Try each curve beside the base's path, and follow with those that leave clearly less."""
         fitted = []
         for curve in curves:
-            key = (curve.body, curve.direction, curve.argument)
-            if key in self.tried or curve.gain <= 0.0:
+            if curve.gain <= 0.0:
                 continue
-            self.tried.append(key)
-            row = self.base.fit.values[self.surest]
-            model = self.search.setting.model([free_form(curve, self.search.setting.joint)])
+            held, rows = beside(self.base, [free_form(curve, self.search.setting.joint)], curve.forces)
             try:
-                found = self._beside(model, np.concatenate([row[:1], curve.forces, row[-1:]]))
+                found = self._beside(self.search.setting.model(held), rows[self.surest])
             except (InputError, np.linalg.LinAlgError):
                 continue
             if found.level < self.least:
@@ -214,13 +209,12 @@ class _Trials:
 
     def beside_all(self, curve: Curve) -> tuple[float, np.ndarray]:
         """What a curve leaves beside the base's paths of all recordings, and its forces then."""
-        model = self.search.setting.model([free_form(curve, self.search.setting.joint)])
-        rows = self.base.fit.values
-        values = np.array([[*row[:1], *curve.forces, *row[-1:]] for row in rows])
+        held, values = beside(self.base, [free_form(curve, self.search.setting.joint)], curve.forces)
         followers = [own.part(0, own.segments) for own in self.base.followers]
         found = settle(
-            followers, model, values, _STEPS, 3e-2, self.search.workers, home=values, scale=ANNEALING[3]
-        )
+            followers, self.search.setting.model(held), values, _STEPS, 3e-2, self.search.workers,
+            home=values, scale=ANNEALING[3],
+        )  # fmt: skip
         return found.level, found.values[0, 1:-1]
 
     def _follow(self, curve: Curve, row: np.ndarray) -> None:

@@ -33,7 +33,7 @@ def find_explanation(
     """
     if not explained(explanation.nominal):
         _search_all(search, explanation, most, keep)
-    if explained(explanation.best) and explanation.best.misfit > _ROOM:
+    if explained(explanation.best) and explanation.best.misfit > _ROOM and not search.late():
         enlarge(search, explanation)
     search.scrutinise(explanation, most)
     prune(search, explanation)
