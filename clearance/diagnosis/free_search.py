@@ -56,12 +56,15 @@ class Suggestion:
     misfit: float
 
 
-def suggest_curve(search: Search, base: Attempt) -> list[Curve]:
-    """Curves that promise to explain the recordings, likeliest first: one direction, as functions of what.
+def suggest_curve(search: Search, base: Attempt) -> tuple[list[Curve], float]:
+    """Curves that promise to explain the recordings, and what is left of one recording with the best.
 
     Args:
         search: with its traces and starts.
         base: beside whose path curves are looked for.
+
+    Returns:
+        Curves in one direction, as functions of what, likeliest first; misfit of the surest recording.
     """
     free = _smoothed(search, base)
     search.report(f"with unknown forces: misfit {free.misfit:.3g}")
@@ -73,7 +76,7 @@ def suggest_curve(search: Search, base: Attempt) -> list[Curve]:
     trials.add([curve for curves in each.values() for curve in curves[:_FIRST]])
     best = trials.best
     if best is None:
-        return []
+        return [], base.misfit
     # one recording at one speed cannot tell a function of the angle from one of the velocity; all may
     model = search.setting.model([free_form(best.curve, search.setting.joint)])
     path = settle([best.follower], model, best.values[None], 0).passes[0]
@@ -88,7 +91,7 @@ def suggest_curve(search: Search, base: Attempt) -> list[Curve]:
             level, forces = trials.beside_all(replace(other, forces=forces))
             search.report(f"  as a function of {other.argument}: {level * ANNEALING[3] ** 2:.3g}")
             ranked.append((level, replace(other, forces=forces)))
-    return [curve for _, curve in sorted(ranked, key=lambda one: one[0])]
+    return [curve for _, curve in sorted(ranked, key=lambda one: one[0])], best.misfit
 
 
 def fit_curve(search: Search, explanation: Explanation, curves: Sequence[Curve]) -> None:

@@ -6,7 +6,7 @@ from clearance.diagnosis.elsewhere import begin_elsewhere
 from clearance.diagnosis.explain import Explanation, Search, penalised
 from clearance.diagnosis.free_search import fit_curve, name_curve, reshape, suggest_curve
 from clearance.diagnosis.missing_force import Curve, unnamed
-from clearance.diagnosis.search import Attempt, explained
+from clearance.diagnosis.search import EXPLAINED, Attempt, explained
 from clearance.diagnosis.simplify import enlarge, prune
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
@@ -69,8 +69,8 @@ def _search_all(
             before, base = base, explanation.best
 
     def curve() -> None:
-        found = suggest_curve(search, nominal)
-        if found and found[0].body == "slider":
+        found, misfit = suggest_curve(search, nominal)
+        if misfit < EXPLAINED or (found and found[0].body == "slider"):
             fit_curve(search, explanation, found)
         else:
             waiting.extend(found)
