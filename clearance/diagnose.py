@@ -89,7 +89,7 @@ def main(cfg: DictConfig) -> None:
         fitted, judged = _load(recordings or demonstration(settings[0]), held_out, channels)
         outcome = diagnose(
             fitted, judged, settings, effects, (low, high), workers, most, log.info, keep,
-            limit,
+            limit, None if cfg.finished is None else Path(str(cfg.finished)),
         )  # fmt: skip
     _write(folder, outcome)
     lines = [*outcome.diagnosis["summary"], *outcome.diagnosis["warnings"]]

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from clearance.diagnosis.explain import Explanation, Search, beside
+from clearance.diagnosis.finished import Followed
 from clearance.diagnosis.fit import Model
 from clearance.diagnosis.growth import Start, grow
 from clearance.diagnosis.hypothesis import Hypothesis
@@ -37,9 +38,14 @@ def begin_elsewhere(search: Search, explanation: Explanation, base: Attempt) -> 
                 return
             held, values = beside(base, [hypothesis], hypothesis.start)
             model, row = search.setting.model(held), values[surest]
+
+            def one(
+                h: Hypothesis = hypothesis, model: Model = model, row: np.ndarray = row
+            ) -> Followed | None:
+                return grow(_begun(search, h, model, row, surest), model, row, max(base.misfit, POOR))
+
             try:
-                start = _begun(search, hypothesis, model, row, surest)
-                found = grow(start, model, row, max(base.misfit, POOR))
+                found = search.finished.followed(f"{base.label} + {hypothesis.label}, one recording", one)
             except (InputError, np.linalg.LinAlgError):
                 continue
             if found is None:

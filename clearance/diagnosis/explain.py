@@ -4,20 +4,20 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from clearance.diagnosis.finished import Finished, kept_in
 from clearance.diagnosis.fit import Model
 from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.growth import Start, grow, scale_of
 from clearance.diagnosis.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT, Measured
-from clearance.diagnosis.missing_force import unnamed
-from clearance.diagnosis.screening import Hint, screen
+from clearance.diagnosis.screening import Hint
 from clearance.diagnosis.search import (
     ANNEALING,
-    EXPLAINED,
     FOLLOWED,
     LOOSENESS,
     POOR,
@@ -27,7 +27,6 @@ from clearance.diagnosis.search import (
     refine,
     whole,
 )
-from clearance.diagnosis.suspicion import suspect
 from clearance.diagnosis.trace import Alignment, Trace, profile
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
@@ -36,19 +35,10 @@ _GLANCES, _GLANCE = 3, 40  # glances at the clearance, and segments of each
 _FACTORS = (1.0, 0.95, 1.05)  # on it, tried one after another
 _SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on looks tell little
 _LOOKS = 2  # times that recordings are followed anew with better values
-_FITTED = 4  # hypotheses of one screening that are fitted
-_HOPEFUL = 0.1  # of the best one's gain: less is not fitted
-_LITTLE = 1e-3  # misfit above a perfect model's: less is nothing to take shares of
-_LIKELY = 0.04  # of what is missing: effects that were right promised 5 to 90 %, others 0 to 6 %
-_DEAF = 2  # channels without which a fit is tried
-_SUSPECTED = 3  # faults of a channel that are fitted
-_NEARLY = 4.0  # misfit up to which a model is worth another look
-_HALFWAY = 0.3  # of the base's misfit: a sensor's fault that reaches that is worth a path of its own
+NEARLY = 4.0  # misfit up to which a model is worth another look
+HALFWAY = 0.3  # of the base's misfit: a sensor's fault that reaches that is worth a path of its own
 _BETTER = 0.8  # of the base's misfit: a model beside its path that does not reach that is not it
 _WORSE = 2.0  # of the best misfit so far: a model is given up that follows worse than that
-_FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
-_SURE = 60.0  # fall of the sum of squares that neither chance nor another integrator brings (35 seen)
-_ONSET = 0.01  # of what a linear look promises, to begin with
 
 
 @dataclass
@@ -78,7 +68,6 @@ def penalised(attempt: Attempt) -> float:
     return samples * attempt.misfit + shared * np.log(samples) * max(attempt.misfit, 1.0)
 
 
-@dataclass(frozen=True)
 class Prospects:
     """What one look at all hypotheses suggests, most promising ones first.
 
@@ -105,10 +94,13 @@ class Search:
         workers: int,
         report: Callable[[str], None],
         deadline: float = np.inf,
+        finished: Path | None = None,
     ) -> None:
         self.recordings, self.alignments, self.setting = list(recordings), list(alignments), setting
         self.groups, self.workers, self.report = groups, workers, report
         self.deadline, self.stopped = deadline, ""
+        folder = kept_in(finished, self.recordings, self.alignments, setting, groups)
+        self.finished = Finished(folder, self.recordings, report)
 
     def late(self) -> bool:
         """Whether nothing new is to be tried; ``stopped`` says why."""
@@ -118,10 +110,10 @@ class Search:
 
     def trace(self) -> None:
         """Find the clearance at which the motion agrees best, and the path of every recording."""
-        self.profile = profile(self.recordings, self.alignments, self.setting.with_clearance, self.workers)
-        self.clearance = self.profile.best
-        machine = self.setting.with_clearance(self.clearance)
-        self.traces = [self.retrace(r, machine) for r in range(len(self.recordings))]
+        self.profile = self.finished.profile(
+            lambda: profile(self.recordings, self.alignments, self.setting.with_clearance, self.workers)
+        )
+        self._retrace_all(self.profile.best)
         joint, shown = self.setting.joint, f"{self.clearance * 1e3:.3f} mm"
         self.report(f"the motion alone suggests a clearance of {shown} in joint {joint}")
 
@@ -130,15 +122,19 @@ class Search:
         model = self.setting.model()
         for _ in range(_GLANCES):
             values = np.array([[self.clearance, trace.speed] for trace in self.traces])
-            self.starts = self.begin(self.traces, model, values)
-            clearance = self.glance(model, values)
+            self.starts = self.finished.starts(
+                self.traces,
+                lambda values=values: self.begin(self.traces, model, values),  # type: ignore[misc]
+            )
+            clearance = self.finished.number(
+                "glance",
+                lambda values=values: self.glance(model, values),  # type: ignore[misc]
+            )
             if abs(np.log(clearance / self.clearance)) < _SAME:
                 break
-            self.clearance = clearance
-            machine = self.setting.with_clearance(clearance)
-            self.traces = [self.retrace(r, machine) for r in range(len(self.recordings))]
+            self._retrace_all(clearance)
         values[:, 0] = self.clearance
-        found = self.grown((), values)
+        found = self.finished.attempt((), model, lambda: self.grown((), values), self.workers)
         assert found is not None
         self.report(f"nominal: misfit {found.misfit:.3g}, clearance {found.fit.values[0, 0] * 1e3:.4f} mm")
         return Explanation(found)
@@ -222,66 +218,6 @@ class Search:
         values = attempt.fit.values[:, [0, -1]]
         return loosen(self.setting.model(), values, attempt.followers, forces, self.workers)
 
-    def look(self, explanation: Explanation, base: Attempt) -> Prospects:
-        """What points where the misfit points beside ``base``."""
-        self.report(f"looking at all hypotheses beside {base.label}")
-        found = screen(base, self.others(base), self.setting.joint, self.workers)
-        explanation.hints = explanation.hints or found.singles
-        missing = max(base.misfit - 1.0, _LITTLE) * sum(p.samples for p in base.fit.passes)
-        for hint in found.singles[:5]:
-            self.report(f"  {hint.label}: promises {hint.gain / missing:.1%} of what is missing")
-        best = found.singles[0].gain if found.singles else 0.0
-        hopeful = [hint for hint in found.singles if hint.gain > _HOPEFUL * best]
-        likely = [hint for hint in hopeful if hint.gain > _LIKELY * missing]
-        return Prospects(likely, hopeful[len(likely) :], found.pairs)
-
-    def widen(self, explanation: Explanation, base: Attempt, hints: Sequence[Hint]) -> None:
-        """Fit what some hints suggest beside ``base``, until something explains the recordings.
-
-        First effects, most promising ones first; then deaf channels, whose sensors may be at fault.
-        """
-        for hint in hints[:_FITTED]:
-            if not self.settled(explanation, base):
-                self.follow(explanation, base, hint)
-        loud = [hint.hypotheses[0].channel for hint in hints]
-        for channel in list(dict.fromkeys(c for c in loud if c is not None))[:_DEAF]:
-            if not self.settled(explanation, base):
-                self.deafen(explanation, base, channel)
-
-    def settled(self, explanation: Explanation, base: Attempt) -> bool:
-        """Whether nothing else is tried beside ``base``: nearly all is explained, or it is late."""
-        best = explanation.best
-        further = len(best.hypotheses) > len(base.hypotheses)
-        nearly = best.misfit < min(_FAR_BETTER * explanation.nominal.misfit, _NEARLY)
-        return explained(best) or (further and nearly) or self.late()
-
-    def scrutinise(self, explanation: Explanation, most: int) -> None:
-        """Look beside what explains the recordings for what is small but sure, until nothing is.
-
-        Args:
-            explanation: added to.
-            most: effects that may be asserted together.
-        """
-        best = explanation.best
-        while explained(best) and len(best.hypotheses) < most and unnamed(best.hypotheses) is None:
-            if self.late():
-                return
-            found = screen(best, self.others(best), self.setting.joint, self.workers)
-            explanation.hints = explanation.hints or found.singles
-            sure = [hint for hint in found.singles if hint.gain > _SURE][:_FITTED]
-            for hint in sure:
-                self.report(f"  {hint.label}: small but sure, {hint.gain:.4g}")
-                held, values = beside(best, hint.hypotheses, _begun(hint))
-                self.keep(
-                    explanation, held,
-                    lambda held=held, values=values, base=best: refine(  # type: ignore[misc]
-                        held, self.setting.model(held), base.followers, values, base.scale, 20, self.workers
-                    ),
-                )  # fmt: skip
-            if explanation.best is best:
-                return
-            best = explanation.best
-
     def others(self, base: Attempt) -> list[list[Hypothesis]]:
         """Hypotheses about other things than those of an attempt."""
         return [g for g in self.groups.values() if all(not same(g[0], h) for h in base.hypotheses)]
@@ -313,11 +249,11 @@ class Search:
                 continue
             if found is None or (other is not None and other.misfit < found.misfit):
                 found = other
-            near = max(_NEARLY, _HALFWAY * base.misfit) if heard else _NEARLY
+            near = max(NEARLY, HALFWAY * base.misfit) if heard else NEARLY
             if found is None or whole(found) or found.misfit > near or look == _LOOKS - 1:
                 break
             values = found.fit.values
-            if found.misfit > _NEARLY:  # on a path of its own, its sensors' faults undone
+            if found.misfit > NEARLY:  # on a path of its own, its sensors' faults undone
                 starts = self.anew(found)
         return found
 
@@ -338,7 +274,7 @@ class Search:
         if any(a.label == label and explained(a) for a in explanation.attempts):
             return None
         try:
-            found = make()
+            found = self.finished.attempt(held, self.setting.model(held), make, self.workers)
         except (InputError, np.linalg.LinAlgError) as error:
             self.report(f"{label}: {error}")
             return None
@@ -350,57 +286,29 @@ class Search:
         self.report(f"{found.label}: misfit {found.misfit:.3g} at {shown}")
         return found
 
-    def deafen(self, explanation: Explanation, base: Attempt, channel: str) -> None:
-        """Fit without a channel: where that explains everything, its sensor is at fault; how, is fitted."""
-        deaf, values = [start.without(channel) for start in self.starts], base.fit.values
-        try:
-            if base is explanation.nominal and base.misfit > FOLLOWED:  # it may have misled the path, too
-                deaf, values = self.unheard(channel)
-            found = self.grown(base.hypotheses, values, deaf, max(base.misfit, POOR))
-        except (InputError, np.linalg.LinAlgError):
-            return
-        if found is None:
-            return
-        self.report(f"without {channel}: misfit {found.misfit:.3g}")
-        if not found.misfit < max(EXPLAINED, _HALFWAY * base.misfit):
-            return
-        hearing = [f.part(0, f.segments) for f in found.followers]
-        for follower, trace in zip(hearing, self.traces, strict=True):
-            first = follower.measured.first - trace.measured.first
-            follower.measured = trace.measured.part(first, first + follower.segments)
-        measured = hearing[0].measured
-        shape = (-1, len(measured.channels))
-        suspicions = suspect(  # a limit may be reached at the highest of several speeds alone
-            np.concatenate([one.measured.values.reshape(shape) for one in hearing]),
-            np.concatenate([one.predicted.reshape(shape) for one in found.fit.passes]),
-            list(measured.channels), measured.chain.rate,
-            np.mean([one.measured.sigma for one in hearing], axis=0), channel,
+    def refit(
+        self,
+        explanation: Explanation,
+        held: Sequence[Hypothesis],
+        followers: Sequence[Follower],
+        values: np.ndarray,
+        scale: float,
+        iterations: int = 8,
+    ) -> Attempt | None:
+        """Fit hypotheses on paths that are nearly right, from a scale of the noise on; keep the attempt."""
+        model = self.setting.model(held)
+        return self.keep(
+            explanation, held,
+            lambda: refine(held, model, followers, values, scale, iterations, self.workers),
         )  # fmt: skip
-        known = {(g[0].name, g[0].channel): g[0] for g in self.groups.values()}
-        for suspicion in suspicions[:_SUSPECTED]:
-            hypothesis = known.get((suspicion.effect, channel))
-            if hypothesis is None:
-                continue
-            added = np.array([suspicion.parameters[u.name] for u in hypothesis.unknowns])
-            held, values = beside(found, [hypothesis], added)
-            self.keep(
-                explanation, held,
-                lambda held=held, values=values: refine(  # type: ignore[misc]
-                    held, self.setting.model(held), hearing, values, ANNEALING[2], 8, self.workers
-                ),
-            )  # fmt: skip
-            if explained(explanation.best):
-                return
 
-    def unheard(self, channel: str) -> tuple[list[Start], np.ndarray]:
-        """Where recordings can be followed from without a channel; (recordings, 2) clearances and speeds."""
-        recordings = [one.without(channel) for one in self.recordings]
-        clearance = profile(recordings, self.alignments, self.setting.with_clearance, self.workers).best
+    def _retrace_all(self, clearance: float) -> None:
+        """Go on with a clearance [m]: the paths of all recordings."""
+        self.clearance = clearance
         machine = self.setting.with_clearance(clearance)
-        traces = [Trace.of(*one, machine) for one in zip(recordings, self.alignments, strict=True)]
-        values = np.array([[clearance, trace.speed] for trace in traces])
-        self.report(f"without {channel} the motion suggests a clearance of {clearance * 1e3:.3f} mm")
-        return self.begin(traces, self.setting.model(), values), values
+        self.traces = self.finished.traces(
+            self.alignments, lambda: [self.retrace(r, machine) for r in range(len(self.recordings))]
+        )
 
     def retrace(self, r: int, machine: SliderCrank, instrument: Instrument = NO_FAULT) -> Trace:
         """The path of a recording for another machine, or with faults of its sensors undone."""
@@ -416,11 +324,3 @@ def beside(
     return [*base.hypotheses, *hypotheses], np.concatenate(
         [rows[:, :shared], added, rows[:, shared:]], axis=1
     )
-
-
-def _begun(hint: Hint) -> np.ndarray:
-    """A hint's values, drawn back to where its effect has hardly begun."""
-    off = np.concatenate([h.off for h in hint.hypotheses])
-    shapes = np.concatenate([h.shapes for h in hint.hypotheses])
-    near = np.isfinite(off) & ~shapes
-    return np.where(near, off + _ONSET * (hint.values - np.where(near, off, 0.0)), hint.values)

@@ -25,7 +25,8 @@ from clearance.diagnosis.missing_force import (
     free_form,
 )
 from clearance.diagnosis.screening import shapes
-from clearance.diagnosis.search import ANNEALING, LOOSENESS, Attempt, explained, refine
+from clearance.diagnosis.search import ANNEALING, LOOSENESS, Attempt, explained
+from clearance.diagnosis.widen import look
 from clearance.errors import InputError
 
 _SMOOTH = 4  # scales of the noise at which paths are smoothed
@@ -125,15 +126,9 @@ def reshape(search: Search, explanation: Explanation) -> None:
     sigmas = [follower.input_sigma for follower in best.followers]
     for curve in effect_as_curves(passes, sigmas, place, joint, segment)[:_FITTED]:
         hypothesis = free_form(curve, joint)
-        model = search.setting.model([hypothesis])
         values = np.array([[row[0], *curve.forces, row[-1]] for row in best.fit.values])
         search.report(f"  in its place, a function of {curve.argument}")
-        search.keep(
-            explanation, [hypothesis],
-            lambda h=hypothesis, m=model, v=values: refine(  # type: ignore[misc]
-                [h], m, best.followers, v, ANNEALING[3], 8, search.workers
-            ),
-        )  # fmt: skip
+        search.refit(explanation, [hypothesis], best.followers, values, ANNEALING[3])
         if explained(explanation.best):
             return
 
@@ -148,15 +143,9 @@ def name_curve(search: Search, explanation: Explanation) -> None:
     own = [follower.part(0, follower.segments) for follower in best.followers]
     nominal = fit(own, model, values, 0, 1.0, search.workers, scale=ANNEALING[2])
     base = Attempt((), model, nominal, ANNEALING[2], nominal.level, own)
-    for hint in search.look(explanation, base).likely[:_NAMED]:
+    for hint in look(search, explanation, base).likely[:_NAMED]:
         held, begun = beside(base, hint.hypotheses, hint.values)
-        model = search.setting.model(held)
-        search.keep(
-            explanation, held,
-            lambda h=held, m=model, v=begun: refine(  # type: ignore[misc]
-                h, m, own, v, ANNEALING[2], 8, search.workers
-            ),
-        )  # fmt: skip
+        search.refit(explanation, held, own, begun, ANNEALING[2])
 
 
 def _smoothed(search: Search, base: Attempt) -> Attempt:
@@ -223,8 +212,9 @@ class _Trials:
     def _follow(self, curve: Curve, row: np.ndarray) -> None:
         label = f"{curve.body} {curve.direction} by {curve.argument}"
         model = self.search.setting.model([free_form(curve, self.search.setting.joint)])
+        start = self.search.starts[self.surest]
         try:
-            found = grow(self.search.starts[self.surest], model, row)
+            found = self.search.finished.followed(label, lambda: grow(start, model, row))
         except (InputError, np.linalg.LinAlgError):
             return
         assert found is not None  # without a limit none is given up: a table comes right late

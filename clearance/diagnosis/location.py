@@ -1,6 +1,7 @@
 """Where the recordings' machine was and which joint is loose: what comes before any hypothesis."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -23,6 +24,7 @@ def locate_joint(
     workers: int,
     report: Callable[[str], None],
     deadline: float = np.inf,
+    finished: Path | None = None,
 ) -> tuple[Search, Explanation, dict[str, float]]:
     """Refit the nominal machine with clearance in each joint that it may be in; the best one is gone on with.
 
@@ -37,6 +39,7 @@ def locate_joint(
         workers: threads.
         report: called with progress.
         deadline: of the search [s of ``time.monotonic``].
+        finished: folder in which fits are kept for another run.
 
     Returns:
         The search of the joint chosen, its nominal explanation, and the misfit with each joint tried.
@@ -57,7 +60,7 @@ def locate_joint(
     searches = []
     for setting in settings:
         groups = gather(effects, setting.with_clearance(3e-4), setting.joint, recordings[0].channels)
-        searches.append(Search(recordings, alignments, setting, groups, workers, report, deadline))
+        searches.append(Search(recordings, alignments, setting, groups, workers, report, deadline, finished))
         searches[-1].trace()
     tried: list[tuple[Search, Explanation]] = []
     for search in sorted(searches, key=lambda one: float(one.profile.misfit.min())):

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from clearance.diagnosis.missing_force import FREE_FORM
 from clearance.diagnosis.nominal_map import nominal_map
 from clearance.diagnosis.search import ANNEALING, Attempt, explained, refine
 from clearance.diagnosis.signature import signatures
+from clearance.diagnosis.significance import p_value
 from clearance.diagnosis.strategy import find_explanation
 from clearance.diagnosis.trace import Trace, aligned
 from clearance.diagnosis.verdict import (
@@ -72,6 +74,7 @@ def diagnose(
     report: Callable[[str], None],
     keep: Callable[[Explanation], None] = lambda _: None,
     time_limit: float = np.inf,
+    finished: Path | None = None,
 ) -> Outcome:
     """Find what the nominal machine lacks.
 
@@ -86,6 +89,7 @@ def diagnose(
         report: called with progress.
         keep: called after each stage with what was found so far.
         time_limit: after which nothing new is tried [s].
+        finished: folder in which fits are kept for another run on the same recordings.
 
     Raises:
         InputError: a recording that no machine of this kind could have made.
@@ -96,7 +100,7 @@ def diagnose(
         report(f"[{time.monotonic() - started:.0f} s] {message}")
 
     search, explanation, joints = locate_joint(
-        recordings, settings, effects, speed_range, workers, say, started + time_limit
+        recordings, settings, effects, speed_range, workers, say, started + time_limit, finished
     )
     setting, joint = search.setting, search.setting.joint
     keep(explanation)
@@ -122,6 +126,7 @@ def diagnose(
     curve, band = _free_form(best, numbers, setting)
     chance = probabilities(explanation)
     others = equivalents(explanation)
+    score = explanation.hints[0].gain if explanation.hints else None
     diagnosis: dict[str, Any] = {
         "verdict": verdict,
         "summary": [
@@ -129,8 +134,9 @@ def diagnose(
             *located(joints),
         ],
         "mismatch": {
-            "detected": verdict != "none", "p_value": None, "body": body,
-            "direction": direction, **where,
+            "detected": verdict != "none", "score": score,
+            "p_value": None if score is None else p_value(score), "body": body, "direction": direction,
+            **where,
         },
         "effects": _effects(best, numbers, chance) if verdict not in ("none", "unknown") else [],
         "equivalent": [[h.name for h in a.hypotheses] for a in others] if len(others) > 1 else [],
@@ -359,12 +365,13 @@ def _ranking(explanation: Explanation, chance: dict[int, float]) -> list[dict[st
     for attempt in sorted(explanation.attempts, key=penalised):
         numbers = estimates(attempt)
         effects = _effects(attempt, numbers, chance)
+        fall = samples * (explanation.nominal.misfit - attempt.misfit)
         rows.append(
             {
                 "name": " + ".join(h.label for h in attempt.hypotheses),
                 "kind": attempt.hypotheses[-1].kind,
-                "log_likelihood_gain": 0.5 * samples * (explanation.nominal.misfit - attempt.misfit),
-                "p_value": None,
+                "log_likelihood_gain": 0.5 * fall,
+                "p_value": p_value(fall),
                 "parameters": {k: v for e in effects for k, v in e["parameters"].items()},
                 "asserted": attempt is explanation.best and explained(attempt),
                 "note": f"misfit {attempt.misfit:.3g} (1 is perfect)",
@@ -375,7 +382,7 @@ def _ranking(explanation: Explanation, chance: dict[int, float]) -> list[dict[st
             rows.append(
                 {
                     "name": hint.label, "kind": hint.hypotheses[0].kind,
-                    "log_likelihood_gain": 0.5 * hint.gain, "p_value": None, "parameters": {},
+                    "log_likelihood_gain": 0.5 * hint.gain, "p_value": p_value(hint.gain), "parameters": {},
                     "asserted": False, "note": "not fitted: promises less than others",
                 }
             )  # fmt: skip

@@ -4,17 +4,15 @@ import numpy as np
 
 from clearance.diagnosis.explain import Explanation, Search
 from clearance.diagnosis.hypothesis import Hypothesis, same
-from clearance.diagnosis.search import ANNEALING, explained, refine
+from clearance.diagnosis.search import ANNEALING, explained
 
 
 def prune(search: Search, explanation: Explanation) -> None:
     """Take effects away from the best attempt as long as it explains as much without them."""
     while len(explanation.best.hypotheses) > 1:
         best = explanation.best
-        shorter = []
         for left_out in range(len(best.hypotheses)):
             held = [h for i, h in enumerate(best.hypotheses) if i != left_out]
-            model = search.setting.model(held)
             keep = [0]
             place = 1
             for i, hypothesis in enumerate(best.hypotheses):
@@ -24,13 +22,13 @@ def prune(search: Search, explanation: Explanation) -> None:
             values = best.fit.values[:, [*keep, place]]
             if best.hypotheses[left_out].structural(search.setting.with_clearance(3e-4)):
                 # a path with other coordinates is no beginning
-                anew = search.grown(held, values)
-                shorter += [] if anew is None else [anew]
-                continue
-            shorter.append(refine(held, model, best.followers, values, ANNEALING[2], 8, search.workers))
-        explanation.attempts += shorter
-        for one in shorter:
-            search.report(f"{one.label}: misfit {one.misfit:.3g}")
+                search.keep(
+                    explanation,
+                    held,
+                    lambda h=held, v=values: search.grown(h, v),  # type: ignore[misc]
+                )
+            else:
+                search.refit(explanation, held, best.followers, values, ANNEALING[2])
         if explanation.best is best:
             break
 
@@ -58,20 +56,12 @@ def enlarge(search: Search, explanation: Explanation) -> None:
             values = np.concatenate(
                 [best.fit.values[:, :offset], middle, best.fit.values[:, offset + old.shape[1] :]], axis=1
             )
-            one = refine(
-                held, search.setting.model(held), best.followers, values, best.scale, 8, search.workers
-            )
-            explanation.attempts.append(one)
-            search.report(f"{one.label}: misfit {one.misfit:.3g}")
-            if explained(best):
+            one = search.refit(explanation, held, best.followers, values, best.scale)
+            if one is None or explained(best):
                 continue
             # the smaller one may owe its misfit to a worse path: give it the larger one's
-            again = refine(
-                best.hypotheses, best.model, one.followers, best.fit.values, ANNEALING[3], 8, search.workers
-            )
-            explanation.attempts.append(again)
-            search.report(f"  without the added: {again.misfit:.3g}")
-            if explained(again):
+            again = search.refit(explanation, best.hypotheses, one.followers, best.fit.values, ANNEALING[3])
+            if again is not None and explained(again):
                 return
 
 

@@ -8,6 +8,7 @@ from clearance.diagnosis.free_search import fit_curve, name_curve, reshape, sugg
 from clearance.diagnosis.missing_force import Curve, unnamed
 from clearance.diagnosis.search import EXPLAINED, Attempt, explained
 from clearance.diagnosis.simplify import enlarge, prune
+from clearance.diagnosis.widen import look, scrutinise, settled, widen
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
 _ROOM = 1.03  # misfit above which an effect that explains may have more parameters
@@ -35,7 +36,7 @@ def find_explanation(
         _search_all(search, explanation, most, keep)
     if explained(explanation.best) and explanation.best.misfit > _ROOM and not search.late():
         enlarge(search, explanation)
-    search.scrutinise(explanation, most)
+    scrutinise(search, explanation, most)
     prune(search, explanation)
 
 
@@ -43,15 +44,15 @@ def _search_all(
     search: Search, explanation: Explanation, most: int, keep: Callable[[Explanation], None]
 ) -> None:
     nominal = explanation.nominal
-    prospects = search.look(explanation, nominal)
+    prospects = look(search, explanation, nominal)
     built_on: list[Attempt] = []
     waiting: list[Curve] = []
 
     def single() -> None:
-        search.widen(explanation, nominal, prospects.likely)
+        widen(search, explanation, nominal, prospects.likely)
 
     def unlikely() -> None:
-        search.widen(explanation, nominal, prospects.unlikely)
+        widen(search, explanation, nominal, prospects.unlikely)
 
     def build_on() -> None:
         before, base = nominal, explanation.best
@@ -63,8 +64,8 @@ def _search_all(
             if _enough(explanation) or search.late():
                 return
             base = explanation.best
-            search.widen(explanation, base, search.look(explanation, base).likely)
-            if not search.settled(explanation, base):
+            widen(search, explanation, base, look(search, explanation, base).likely)
+            if not settled(search, explanation, base):
                 begin_elsewhere(search, explanation, base)
             before, base = base, explanation.best
 
@@ -81,7 +82,7 @@ def _search_all(
 
     def pair() -> None:
         for hint in prospects.pairs[:_PAIRS]:
-            if not search.settled(explanation, nominal):
+            if not settled(search, explanation, nominal):
                 search.follow(explanation, nominal, hint)
 
     def other_curve() -> None:

@@ -77,7 +77,8 @@ class Examiner:
         return [
             *self.program, f"recordings=[{recordings}]", f"joint={told['joint']}",
             *(known if told["known_frame"] else []), f"without=[{','.join(told['without'])}]",
-            f"hydra.run.dir='{(folder / VERDICTS / name).resolve()}'", "workers=1", *self.arguments,
+            f"hydra.run.dir='{(folder / VERDICTS / name).resolve()}'", "workers=1",
+            "finished=null", *self.arguments,
         ]  # fmt: skip
 
     def _ask(

@@ -30,6 +30,7 @@ def score_case(one: Revealed) -> dict[str, Any]:
         "verdict": said["verdict"],
         "named": names,
         "detected": said["verdict"] != "none",
+        "score": (said.get("mismatch") or {}).get("score"),
         "named_or_equivalent": _named(case, said),
         "first_and_alone": _named(case, said) and set(names) == set(case.missing) and not _rivals(case, said),
         "channel_right": _channel_right(case, said),

@@ -58,6 +58,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "below_threshold": sum(row["kind"] != "none" and not row["visible"] for row in rows),
         "false_alarms": rate([row["verdict"] != "none" for row in null]),
         "false_alarms_at_1_percent": rate([row["verdict"] != "none" for row in null if row["noise"] <= 0.01]),
+        "null_scores": sorted(row["score"] for row in null if row.get("score") is not None),
         "detected": rate([_true(row, "detected") for row in seen]),
         "named_or_equivalent": rate([_true(row, "named_or_equivalent") for row in single]),
         "first_and_alone": rate([_true(row, "first_and_alone") for row in single]),

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.effect import load_effects
-from clearance.diagnosis.explain import _begun
 from clearance.diagnosis.free_search import fit_curve, suggest_curve
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.location import locate_joint
@@ -16,6 +15,7 @@ from clearance.diagnosis.missing_force import FREE_FORM, as_function_of
 from clearance.diagnosis.screening import Hint
 from clearance.diagnosis.search import explained
 from clearance.diagnosis.verdict import estimates
+from clearance.diagnosis.widen import _begun, scrutinise
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.joint import Joint
@@ -71,7 +71,7 @@ STIFF = ("contact_stiffness", "joint_lubrication", "gravity", "sensor_gain")
 def test_what_explains_is_looked_beside_once_more():
     found, explanation = search(1e-4, STIFF, contact=replace(Joint().contact, stiffness_scale=0.5))
     assert explained(explanation.nominal), "softer contact hides in the clearance"
-    found.scrutinise(explanation, 2)
+    scrutinise(found, explanation, 2)
     assert [h.name for h in explanation.best.hypotheses] == ["contact_stiffness"]
     clearance, stiffness = estimates(explanation.best)
     assert stiffness.low < 0.5 < stiffness.high < 0.8
@@ -81,7 +81,7 @@ def test_what_explains_is_looked_beside_once_more():
 @pytest.mark.slow
 def test_where_nothing_is_missing_nothing_small_is_found():
     found, explanation = search(1e-4, STIFF)
-    found.scrutinise(explanation, 2)
+    scrutinise(found, explanation, 2)
     assert explained(explanation.nominal)
     assert not explanation.attempts
 
@@ -92,8 +92,8 @@ def test_a_force_without_a_name_is_found_on_its_body_with_its_argument():
     law = TabulatedForce("slider", "x", "slider_position", knots[0], knots[1] - knots[0], tuple(forces))
     found, explanation = search(1.5e-4, ("gravity",), force=law)
     assert not explained(explanation.nominal)
-    suggested = suggest_curve(found, explanation.nominal)
-    assert suggested
+    suggested, misfit = suggest_curve(found, explanation.nominal)
+    assert misfit < 0.5 * explanation.nominal.misfit
     fit_curve(found, explanation, suggested)
     best = explanation.best
     (hypothesis,) = best.hypotheses

@@ -1,0 +1,157 @@
+"""Beside what was found so far: which hypotheses promise to explain more, and what comes of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from clearance.diagnosis.explain import HALFWAY, NEARLY, Explanation, Search, beside
+from clearance.diagnosis.growth import Start
+from clearance.diagnosis.missing_force import unnamed
+from clearance.diagnosis.screening import Hint, screen
+from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, POOR, Attempt, explained
+from clearance.diagnosis.suspicion import suspect
+from clearance.diagnosis.trace import Trace, profile
+from clearance.errors import InputError
+
+_FITTED = 4  # hypotheses of one screening that are fitted
+_HOPEFUL = 0.1  # of the best one's gain: less is not fitted
+_LITTLE = 1e-3  # misfit above a perfect model's: less is nothing to take shares of
+_LIKELY = 0.04  # of what is missing: effects that were right promised 5 to 90 %, others 0 to 6 %
+_DEAF = 2  # channels without which a fit is tried
+_SUSPECTED = 3  # faults of a channel that are fitted
+_FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
+_SURE = 60.0  # fall of the sum of squares that neither chance nor another integrator brings (35 seen)
+_ONSET = 0.01  # of what a linear look promises, to begin with
+
+
+@dataclass(frozen=True)
+class Prospects:
+    """What one look at all hypotheses suggests, most promising ones first.
+
+    Attributes:
+        likely: single hypotheses that promise a good part of what is missing.
+        unlikely: others, which promise much less than that.
+        pairs: of hypotheses.
+    """
+
+    likely: list[Hint]
+    unlikely: list[Hint]
+    pairs: list[Hint]
+
+
+def look(search: Search, explanation: Explanation, base: Attempt) -> Prospects:
+    """What points where the misfit points beside ``base``."""
+    search.report(f"looking at all hypotheses beside {base.label}")
+    found = screen(base, search.others(base), search.setting.joint, search.workers)
+    explanation.hints = explanation.hints or found.singles
+    missing = max(base.misfit - 1.0, _LITTLE) * sum(p.samples for p in base.fit.passes)
+    for hint in found.singles[:5]:
+        search.report(f"  {hint.label}: promises {hint.gain / missing:.1%} of what is missing")
+    best = found.singles[0].gain if found.singles else 0.0
+    hopeful = [hint for hint in found.singles if hint.gain > _HOPEFUL * best]
+    likely = [hint for hint in hopeful if hint.gain > _LIKELY * missing]
+    return Prospects(likely, hopeful[len(likely) :], found.pairs)
+
+
+def widen(search: Search, explanation: Explanation, base: Attempt, hints: Sequence[Hint]) -> None:
+    """Fit what some hints suggest beside ``base``, until something explains the recordings.
+
+    First effects, most promising ones first; then deaf channels, whose sensors may be at fault.
+    """
+    for hint in hints[:_FITTED]:
+        if not settled(search, explanation, base):
+            search.follow(explanation, base, hint)
+    loud = [hint.hypotheses[0].channel for hint in hints]
+    for channel in list(dict.fromkeys(c for c in loud if c is not None))[:_DEAF]:
+        if not settled(search, explanation, base):
+            deafen(search, explanation, base, channel)
+
+
+def settled(search: Search, explanation: Explanation, base: Attempt) -> bool:
+    """Whether nothing else is tried beside ``base``: nearly all is explained, or it is late."""
+    best = explanation.best
+    further = len(best.hypotheses) > len(base.hypotheses)
+    nearly = best.misfit < min(_FAR_BETTER * explanation.nominal.misfit, NEARLY)
+    return explained(best) or (further and nearly) or search.late()
+
+
+def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
+    """Look beside what explains the recordings for what is small but sure, until nothing is.
+
+    Args:
+        search: with its recordings.
+        explanation: added to.
+        most: effects that may be asserted together.
+    """
+    best = explanation.best
+    while explained(best) and len(best.hypotheses) < most and unnamed(best.hypotheses) is None:
+        if search.late():
+            return
+        found = screen(best, search.others(best), search.setting.joint, search.workers)
+        explanation.hints = explanation.hints or found.singles
+        sure = [hint for hint in found.singles if hint.gain > _SURE][:_FITTED]
+        for hint in sure:
+            search.report(f"  {hint.label}: small but sure, {hint.gain:.4g}")
+            held, values = beside(best, hint.hypotheses, _begun(hint))
+            search.refit(explanation, held, best.followers, values, best.scale, 20)
+        if explanation.best is best:
+            return
+        best = explanation.best
+
+
+def deafen(search: Search, explanation: Explanation, base: Attempt, channel: str) -> None:
+    """Fit without a channel: where that explains everything, its sensor is at fault; how, is fitted."""
+    deaf, values = [start.without(channel) for start in search.starts], base.fit.values
+    try:
+        if base is explanation.nominal and base.misfit > FOLLOWED:  # it may have misled the path, too
+            deaf, values = unheard(search, channel)
+        found = search.grown(base.hypotheses, values, deaf, max(base.misfit, POOR))
+    except (InputError, np.linalg.LinAlgError):
+        return
+    if found is None:
+        return
+    search.report(f"without {channel}: misfit {found.misfit:.3g}")
+    if not found.misfit < max(EXPLAINED, HALFWAY * base.misfit):
+        return
+    hearing = [f.part(0, f.segments) for f in found.followers]
+    for follower, trace in zip(hearing, search.traces, strict=True):
+        first = follower.measured.first - trace.measured.first
+        follower.measured = trace.measured.part(first, first + follower.segments)
+    measured = hearing[0].measured
+    shape = (-1, len(measured.channels))
+    suspicions = suspect(  # a limit may be reached at the highest of several speeds alone
+        np.concatenate([one.measured.values.reshape(shape) for one in hearing]),
+        np.concatenate([one.predicted.reshape(shape) for one in found.fit.passes]),
+        list(measured.channels), measured.chain.rate,
+        np.mean([one.measured.sigma for one in hearing], axis=0), channel,
+    )  # fmt: skip
+    known = {(g[0].name, g[0].channel): g[0] for g in search.groups.values()}
+    for suspicion in suspicions[:_SUSPECTED]:
+        hypothesis = known.get((suspicion.effect, channel))
+        if hypothesis is None:
+            continue
+        added = np.array([suspicion.parameters[u.name] for u in hypothesis.unknowns])
+        held, values = beside(found, [hypothesis], added)
+        search.refit(explanation, held, hearing, values, ANNEALING[2])
+        if explained(explanation.best):
+            return
+
+
+def unheard(search: Search, channel: str) -> tuple[list[Start], np.ndarray]:
+    """Where recordings can be followed from without a channel; (recordings, 2) clearances and speeds."""
+    recordings = [one.without(channel) for one in search.recordings]
+    clearance = profile(recordings, search.alignments, search.setting.with_clearance, search.workers).best
+    machine = search.setting.with_clearance(clearance)
+    traces = [Trace.of(*one, machine) for one in zip(recordings, search.alignments, strict=True)]
+    values = np.array([[clearance, trace.speed] for trace in traces])
+    search.report(f"without {channel} the motion suggests a clearance of {clearance * 1e3:.3f} mm")
+    return search.begin(traces, search.setting.model(), values), values
+
+
+def _begun(hint: Hint) -> np.ndarray:
+    """A hint's values, drawn back to where its effect has hardly begun."""
+    off = np.concatenate([h.off for h in hint.hypotheses])
+    shapes = np.concatenate([h.shapes for h in hint.hypotheses])
+    near = np.isfinite(off) & ~shapes
+    return np.where(near, off + _ONSET * (hint.values - np.where(near, off, 0.0)), hint.values)

@@ -1,0 +1,86 @@
+"""What an earlier run has finished is not made again, and is the same."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis import explain
+from clearance.diagnosis.demonstration import record
+from clearance.diagnosis.effect import load_effects
+from clearance.diagnosis.explain import Search
+from clearance.diagnosis.finished import kept_in
+from clearance.diagnosis.hypothesis import Setting
+from clearance.diagnosis.location import locate_joint
+from clearance.diagnosis.measured import Measured, chain_of
+from clearance.diagnosis.strategy import find_explanation
+from clearance.errors import InputError
+from clearance.mechanism.drive import SpeedControl
+from clearance.mechanism.slider_crank import SliderCrank
+
+SETTING, SPEEDS = Setting(SliderCrank(), "C"), (50.0, 150.0)
+
+
+@pytest.fixture(scope="module")
+def measured():
+    machine = replace(SETTING.with_clearance(2e-4), drive=SpeedControl(700.0, ramp=0.1), gravity=(0.0, -4.0))
+    recording = record(machine, 3)
+    return Measured.of(recording, chain_of(recording, "one"), "one").part(0, 260)
+
+
+def run(measured, folder, report=lambda _: None):
+    effects = load_effects(["gravity"], [])
+    search, explanation, _ = locate_joint([measured], [SETTING], effects, SPEEDS, 1, report, finished=folder)
+    find_explanation(search, explanation, 1, lambda _: None)
+    return search, explanation
+
+
+@pytest.fixture(scope="module")
+def first(measured, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("finished")
+    return folder, run(measured, folder)
+
+
+def never(*_, **__):
+    raise AssertionError("made again")
+
+
+def test_another_run_goes_on_from_what_was_finished(first, measured, monkeypatch):
+    folder, (_, before) = first
+    for name in ("profile", "refine", "grow"):
+        monkeypatch.setattr(explain, name, never)
+    for name in ("begin", "retrace", "grown"):
+        monkeypatch.setattr(Search, name, never)
+    _, after = run(measured, folder)
+    assert [a.label for a in after.attempts] == [a.label for a in before.attempts] != []
+    for one, other in zip([before.nominal, before.best], [after.nominal, after.best], strict=True):
+        np.testing.assert_array_equal(one.fit.values, other.fit.values)
+        assert one.misfit == pytest.approx(other.misfit, rel=1e-9)
+        np.testing.assert_allclose(one.fit.information, other.fit.information, rtol=1e-6)
+
+
+def test_a_damaged_file_is_made_again(first, measured):
+    folder, (_, before) = first
+    damaged = next(iter(next(folder.iterdir()).glob("*.npz")))
+    whole = damaged.read_bytes()
+    damaged.write_bytes(whole[: len(whole) // 2])
+    _, after = run(measured, folder)
+    np.testing.assert_array_equal(after.best.fit.values, before.best.fit.values)
+    assert len(damaged.read_bytes()) == len(whole)
+
+
+def test_other_recordings_settings_and_hypotheses_begin_anew(first, measured):
+    folder, (search, _) = first
+    known = (folder, search.recordings, search.alignments, search.setting, search.groups)
+    names = {kept_in(*known)}
+    names.add(kept_in(folder, [measured.part(0, 200)], *known[2:]))
+    names.add(kept_in(*known[:3], Setting(replace(SliderCrank(), gravity=(0.0, -1.0)), "C"), known[4]))
+    names.add(kept_in(*known[:4], {}))
+    assert len(names) == 4
+    assert kept_in(None, *known[1:]) is None
+
+
+def test_a_folder_that_cannot_be_made_is_named(measured, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="change finished"):
+        run(measured, tmp_path / "file")
