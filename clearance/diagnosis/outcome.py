@@ -10,40 +10,35 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clearance.diagnosis.effect import Effect
-from clearance.diagnosis.explain import Explanation, Search, penalised
+from clearance.diagnosis.evidence import gather_evidence
+from clearance.diagnosis.explain import Explanation, Search
 from clearance.diagnosis.fit import Model, Unknown
 from clearance.diagnosis.follow import STRUCTURE
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
-from clearance.diagnosis.mismatch import Innovations, innovations, interval, locate, root_mean_square, summary
-from clearance.diagnosis.missing_force import FREE_FORM
-from clearance.diagnosis.nominal_map import nominal_map
+from clearance.diagnosis.mismatch import Innovations, innovations, interval, root_mean_square, summary
 from clearance.diagnosis.search import ANNEALING, Attempt, explained, refine
-from clearance.diagnosis.signature import signatures
 from clearance.diagnosis.significance import p_value
 from clearance.diagnosis.strategy import find_explanation
 from clearance.diagnosis.trace import Trace, aligned
 from clearance.diagnosis.verdict import (
     clearance_of,
+    effects_of,
     equivalents,
-    estimates,
+    free_form_of,
     located,
     probabilities,
     sentences,
     verdict_of,
     withdraw,
 )
-from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
-from clearance.simulation.layout import Signal, State
 
 if TYPE_CHECKING:
     from clearance.diagnosis.motion.search import Findings
 
 METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
-_SHOWN = 1500  # samples of an overlay
-_HINTS = 15  # hypotheses of the ranking that were not fitted
 
 
 @dataclass
@@ -122,10 +117,8 @@ def diagnose(
     channels = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > 0.1][:3]
     verdict = verdict_of(explanation)
     body, direction = _place(best, where)
-    numbers, clearance = estimates(best), clearance_of(explanation)
-    curve, band = _free_form(best, numbers, setting)
-    chance = probabilities(explanation)
-    others = equivalents(explanation)
+    clearance, others = clearance_of(explanation), equivalents(explanation)
+    named = effects_of(best, probabilities(explanation)) if verdict not in ("none", "unknown") else []
     score = explanation.hints[0].gain if explanation.hints else None
     diagnosis: dict[str, Any] = {
         "verdict": verdict,
@@ -138,10 +131,10 @@ def diagnose(
             "p_value": None if score is None else p_value(score), "body": body, "direction": direction,
             **where,
         },
-        "effects": _effects(best, numbers, chance) if verdict not in ("none", "unknown") else [],
+        "effects": named,
         "equivalent": [[h.name for h in a.hypotheses] for a in others] if len(others) > 1 else [],
         "next_experiment": _next_experiment(others, recordings),
-        "free_form": curve,
+        "free_form": free_form_of(best, setting),
         "fit": fit,
         "clearance": {
             "joint": joint, "misfit_by_joint": joints, "before_m": float(nominal.fit.values[0, 0]),
@@ -166,26 +159,7 @@ def diagnose(
         ],
         "seconds": round(time.monotonic() - started, 1),
     }  # fmt: skip
-    evidence: dict[str, Any] = {
-        "where": locate(errors_fit, innovations(best, joint)),
-        "ranking": _ranking(explanation, chance),
-        "overlays": _overlays(before_attempt, after),
-        "checks": _checks(errors_after),
-        "clearance_profile": {
-            "clearance_m": search.profile.clearance.tolist(),
-            "misfit": search.profile.misfit.round(4).tolist(),
-        },
-        "missing_force": sorted(_missing_force(search, nominal), key=lambda one: one["body"] != body),
-        "signatures": _signatures(held_out, before_attempt, after, nominal, best),
-        "detectability": nominal_map(
-            joint, numbers[0].value, float(best.fit.values[0, -1]), recordings[0].channels
-        ),
-        **({"free_form": {**curve, **band}} if curve else {}),
-        "mechanism": {
-            "crank_length": setting.machine.crank.length, "rod_length": setting.machine.rod.length,
-            "offset": setting.machine.guide_offset,
-        },
-    }  # fmt: skip
+    evidence = gather_evidence(search, explanation, held_out, before_attempt, after, errors_fit)
     model = setting.model(best.hypotheses)
     return Outcome(diagnosis, evidence, model.machine(best.fit.values[0]), explanation)
 
@@ -258,180 +232,6 @@ def _place(best: Attempt, where: dict[str, Any]) -> tuple[str | None, str | None
         return None, None
     first = best.hypotheses[0]
     return first.body, first.direction
-
-
-def _effects(best: Attempt, numbers: Sequence[Any], chance: dict[int, float]) -> list[dict[str, Any]]:
-    found, place = [], 1
-    for hypothesis in best.hypotheses:
-        parameters = {}
-        for i, unknown in enumerate(hypothesis.unknowns):
-            number = numbers[place + i]
-            unit = hypothesis.effect.parameter(unknown.name).unit if hypothesis.effect else ""
-            off = float(hypothesis.off[i])
-            parameters[unknown.name] = {
-                "value": number.value, "unit": unit, "low": number.low, "high": number.high,
-                "off": off if np.isfinite(off) else None,
-            }  # fmt: skip
-        place += len(hypothesis.unknowns)
-        found.append(
-            {
-                "name": hypothesis.name, "kind": hypothesis.kind, "body": hypothesis.body,
-                **({"channel": hypothesis.channel} if hypothesis.channel else {}),
-                "direction": hypothesis.direction, "probability": round(chance[id(best)], 4),
-                "parameters": parameters,
-            }
-        )  # fmt: skip
-    return found
-
-
-def _free_form(
-    best: Attempt, numbers: Sequence[Any], setting: Setting
-) -> tuple[dict[str, Any] | None, dict[str, Any]]:
-    """The contract's curve, and its band for the report."""
-    place = 1
-    for hypothesis in best.hypotheses:
-        count = len(hypothesis.unknowns)
-        if hypothesis.name == FREE_FORM:
-            found = numbers[place : place + count]
-            law = hypothesis.apply(setting.machine, np.array([n.value for n in found])).force
-            assert isinstance(law, TabulatedForce)
-            spacing = 2.0 * np.pi / count if law.repeats else float(law.spacing or 0.0)
-            knots = law.start + spacing * np.arange(count)
-            curve = {
-                "body": law.body, "direction": law.direction, "argument": law.argument,
-                "unit": "N m" if law.direction in ("torque", "moment") else "N",
-                "argument_unit": _UNITS.get(law.argument, "N"),
-                "table": [[float(k), n.value] for k, n in zip(knots, found, strict=True)],
-            }  # fmt: skip
-            return curve, {"low": [n.low for n in found], "high": [n.high for n in found]}
-        place += count
-    return None, {}
-
-
-_UNITS = {
-    "crank_angle": "rad", "slider_position": "m", "slider_velocity": "m/s", "time": "s",
-}  # fmt: skip
-_BODIES = (("crank", "torque", "N m"), ("rod", "moment", "N m"), ("slider", "x", "N"))
-
-
-def _missing_force(search: Search, nominal: Attempt) -> list[dict[str, Any]]:
-    """Unknown forces beside the nominal model: what it lacks, over time, with 95 % bands."""
-    free = search.loosened(nominal)
-    found = []
-    for trace, follower, one in zip(search.traces, free.followers, free.fit.passes, strict=True):
-        middle = one.signals[:, one.signals.shape[1] // 2]
-        angle = np.degrees(middle[:, Signal.CRANK_ANGLE] % (2.0 * np.pi))
-        inputs = follower.path.inputs
-        scatter = 1.4826 / np.sqrt(2.0) * np.median(np.abs(np.diff(inputs, axis=0)), axis=0)
-        for i, (body, direction, unit) in enumerate(_BODIES):
-            value, half = inputs[:, i], 1.96 * scatter[i]
-            found.append(
-                {
-                    "recording": trace.measured.name, "body": body, "direction": direction, "unit": unit,
-                    "time_s": (follower.measured.segment * np.arange(len(value))).round(6).tolist(),
-                    "value": value.round(5).tolist(), "low": (value - half).round(5).tolist(),
-                    "high": (value + half).round(5).tolist(),
-                    "crank_angle_deg": angle.round(2).tolist(),
-                    "slider_position_m": middle[:, Signal.SLIDER_POSITION].round(6).tolist(),
-                    "slider_velocity_m_s": middle[:, Signal.SLIDER_VELOCITY].round(5).tolist(),
-                }
-            )  # fmt: skip
-    return found
-
-
-def _signatures(
-    held_out: Sequence[Measured], before: Attempt, after: Attempt, nominal: Attempt, best: Attempt
-) -> dict[str, Any]:
-    """Phase averages, spectra and impacts of held-out recordings and of free runs of both machines."""
-
-    def machines(attempt: Attempt, judged: Attempt) -> list[SliderCrank]:
-        return [attempt.model.machine(row) for row in judged.fit.values]
-
-    starts = [f.path.nodes[0] for f in after.followers]
-    speeds = [float(f.path.nodes[:, State.CRANK_SPEED].mean()) for f in after.followers]
-    angles = [
-        float(node[State.CRANK_ANGLE]) - speed * one.segment * (f.measured.first - one.first)
-        for node, speed, one, f in zip(starts, speeds, held_out, after.followers, strict=True)
-    ]
-    return signatures(
-        held_out, speeds, angles, machines(nominal, before), machines(best, after),
-        best.model.instrument(best.fit.values[0]), 1,
-    )  # fmt: skip
-
-
-def _ranking(explanation: Explanation, chance: dict[int, float]) -> list[dict[str, Any]]:
-    samples = sum(p.samples for p in explanation.nominal.fit.passes)
-    rows = []
-    for attempt in sorted(explanation.attempts, key=penalised):
-        numbers = estimates(attempt)
-        effects = _effects(attempt, numbers, chance)
-        fall = samples * (explanation.nominal.misfit - attempt.misfit)
-        rows.append(
-            {
-                "name": " + ".join(h.label for h in attempt.hypotheses),
-                "kind": attempt.hypotheses[-1].kind,
-                "log_likelihood_gain": 0.5 * fall,
-                "p_value": p_value(fall),
-                "parameters": {k: v for e in effects for k, v in e["parameters"].items()},
-                "asserted": attempt is explanation.best and explained(attempt),
-                "note": f"misfit {attempt.misfit:.3g} (1 is perfect)",
-            }
-        )
-    for hint in explanation.hints[:_HINTS]:
-        if all(hint.label not in str(row["name"]) for row in rows):
-            rows.append(
-                {
-                    "name": hint.label, "kind": hint.hypotheses[0].kind,
-                    "log_likelihood_gain": 0.5 * hint.gain, "p_value": p_value(hint.gain), "parameters": {},
-                    "asserted": False, "note": "not fitted: promises less than others",
-                }
-            )  # fmt: skip
-    return rows
-
-
-def _overlays(before: Attempt, after: Attempt) -> list[dict[str, Any]]:
-    """Recorded beside the one-step predictions of both models, for the first held-out recording."""
-    found = []
-    one, two = before.fit.passes[0], after.fit.passes[0]
-    measured = after.followers[0].measured
-    n = min(_SHOWN // 10, len(two.predicted), len(one.predicted))
-    shift = measured.values[:n]
-    for i, channel in enumerate(measured.channels):
-        same = before.followers[0].measured.values[:n, :, i]
-        aligned = same.shape == shift[..., i].shape and bool(np.allclose(same, shift[..., i]))
-        found.append(
-            {
-                "channel": channel, "unit": "m/s²" if measured.signals[i] < 10 else "",
-                "time_s": (np.arange(n * 10) / measured.chain.rate).round(7).tolist(),
-                "recorded": shift[..., i].ravel().round(4).tolist(),
-                "before": one.predicted[:n, :, i].ravel().round(4).tolist() if aligned else None,
-                "after": two.predicted[:n, :, i].ravel().round(4).tolist(),
-            }
-        )  # fmt: skip
-    return found
-
-
-def _checks(errors: Sequence[Innovations]) -> dict[str, Any]:
-    """Whiteness and normalised innovation squared of the final model (Bar-Shalom et al. 2001, ch. 5)."""
-    channels = errors[0].channels
-    lags = range(1, 11)
-    stacked = [one.values for one in errors]
-    correlation: dict[str, list[float]] = {}
-    for i, channel in enumerate(channels):
-        correlation[channel] = []
-        for lag in lags:
-            top = sum(float((v[:-lag, i] * v[lag:, i]).sum()) for v in stacked)
-            correlation[channel].append(top / max(sum(float((v[:, i] ** 2).sum()) for v in stacked), 1e-12))
-    squares = np.concatenate([v.ravel() ** 2 for v in stacked])
-    half = 1.96 * np.sqrt(2.0 / len(squares))
-    return {
-        "channels": list(channels),
-        "whiteness": [correlation[c][0] for c in channels],
-        "autocorrelation": correlation,
-        "normalised_innovation_squared": {
-            "value": float(squares.mean()), "low": 1.0 - half, "high": 1.0 + half,
-        },
-    }  # fmt: skip
 
 
 def _next_experiment(others: Sequence[Attempt], recordings: Sequence[Measured]) -> str | None:

@@ -8,9 +8,10 @@ import numpy as np
 
 from clearance.diagnosis.explain import Explanation, penalised
 from clearance.diagnosis.fit import Fit
-from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.missing_force import unnamed
 from clearance.diagnosis.search import Attempt, explained
+from clearance.mechanism.applied_force import TabulatedForce
 
 _BLOCK = 5  # segments that count as one in the robust covariance
 _ALIKE = 12.0  # difference of penalised sums of squares below which two explanations are equivalent
@@ -20,6 +21,7 @@ _BLIND, _UNSEEN = (
 )  # share of its information that a direction is seen with; what it counts with if not
 _PUSHES = {"torque": "torque", "moment": "moment"}
 _WORSE = 1.02  # and ratio of their levels
+_UNITS = {"crank_angle": "rad", "slider_position": "m", "slider_velocity": "m/s", "time": "s"}
 _NEAR = 2.0  # times the best misfit: models that say as much of the clearance, where none explains
 
 
@@ -223,3 +225,49 @@ def located(joints: dict[str, float]) -> list[str]:
         f"times as far from the recordings as a perfect one, with joint {other} {np.sqrt(misfit):.3g} times."
         for other, misfit in others
     ]
+
+
+def effects_of(attempt: Attempt, chance: dict[int, float]) -> list[dict[str, Any]]:
+    """An attempt's hypotheses as the contract writes them; ``chance``: its probability, among all."""
+    found, place, numbers = [], 1, estimates(attempt)
+    for hypothesis in attempt.hypotheses:
+        parameters = {}
+        for i, unknown in enumerate(hypothesis.unknowns):
+            number = numbers[place + i]
+            unit = hypothesis.effect.parameter(unknown.name).unit if hypothesis.effect else ""
+            off = float(hypothesis.off[i])
+            parameters[unknown.name] = {
+                "value": number.value, "unit": unit, "low": number.low, "high": number.high,
+                "off": off if np.isfinite(off) else None,
+            }  # fmt: skip
+        place += len(hypothesis.unknowns)
+        found.append(
+            {
+                "name": hypothesis.name, "kind": hypothesis.kind, "body": hypothesis.body,
+                **({"channel": hypothesis.channel} if hypothesis.channel else {}),
+                "direction": hypothesis.direction, "probability": round(chance[id(attempt)], 4),
+                "parameters": parameters,
+            }
+        )  # fmt: skip
+    return found
+
+
+def free_form_of(attempt: Attempt, setting: Setting) -> dict[str, Any] | None:
+    """The table of an attempt's force of free form as the contract writes it, with its 95 % band."""
+    hypothesis = unnamed(attempt.hypotheses)
+    if hypothesis is None:
+        return None
+    place = 1 + sum(len(h.unknowns) for h in attempt.hypotheses[: attempt.hypotheses.index(hypothesis)])
+    count = len(hypothesis.unknowns)
+    found = estimates(attempt)[place : place + count]
+    law = hypothesis.apply(setting.machine, np.array([n.value for n in found])).force
+    assert isinstance(law, TabulatedForce)
+    spacing = 2.0 * np.pi / count if law.repeats else float(law.spacing or 0.0)
+    knots = law.start + spacing * np.arange(count)
+    return {
+        "body": law.body, "direction": law.direction, "argument": law.argument,
+        "unit": "N m" if law.direction in ("torque", "moment") else "N",
+        "argument_unit": _UNITS.get(law.argument, "N"),
+        "table": [[float(k), n.value] for k, n in zip(knots, found, strict=True)],
+        "low": [n.low for n in found], "high": [n.high for n in found],
+    }  # fmt: skip
