@@ -49,11 +49,13 @@ class Explanation:
         nominal: the machine as it is, refitted.
         attempts: hypotheses that were fitted, best first.
         hints: of the first screening.
+        suspected: body and direction of a force without a name that explains more than others, if one does.
     """
 
     nominal: Attempt
     attempts: list[Attempt] = field(default_factory=list)
     hints: list[Hint] = field(default_factory=list)
+    suspected: tuple[str, str] | None = None
 
     @property
     def best(self) -> Attempt:

@@ -16,6 +16,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 
 SMALLEST_CLEARANCE = 5e-6  # m; below, the joint is as good as ideal
 _STEP = 1e-4  # of a parameter's plausible size, for its derivative
+_REACH = 0.3  # of it: change that a linearisation surely bears
 _SPAN = 0.1  # of its range is plausible where a parameter begins at zero
 
 
@@ -97,9 +98,9 @@ def of_effect(effect: Effect, machine: SliderCrank, joint: str) -> list[Hypothes
                 size = _SPAN * (high - low)
             if parameter.whole:
                 low = high = start[parameter.name]
-            step = _STEP * max(size, 1e-3 * abs(start[parameter.name]), 1e-12)
-            log = parameter.scale == "log"
-            unknowns.append(Unknown(parameter.name, step, low, high, reach=0.3 * step / _STEP, log=log))
+            size, log = max(size, 1e-3 * abs(start[parameter.name]), 1e-12), parameter.scale == "log"
+            step = parameter.step or _STEP * size
+            unknowns.append(Unknown(parameter.name, step, low, high, reach=_REACH * size, log=log))
         names = effect.parameters
 
         def apply(
@@ -124,8 +125,8 @@ def of_fault(effect: Effect, machine: SliderCrank, joint: str) -> Hypothesis:
     for parameter in effect.free:
         low, high = parameter.bounds
         base = off[parameter.name] if isfinite(off[parameter.name]) else 0.0
-        step = _STEP * max(abs(start[parameter.name] - base), 1e-3 * abs(start[parameter.name]), 1e-12)
-        unknowns.append(Unknown(parameter.name, step, low, high, reach=0.3 * step / _STEP))
+        size = max(abs(start[parameter.name] - base), 1e-3 * abs(start[parameter.name]), 1e-12)
+        unknowns.append(Unknown(parameter.name, _STEP * size, low, high, reach=_REACH * size))
 
     def named(values: np.ndarray) -> dict[str, float]:
         return dict(zip(names, map(float, values), strict=True))

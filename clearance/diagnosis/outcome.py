@@ -28,6 +28,7 @@ from clearance.diagnosis.verdict import (
     equivalents,
     free_form_of,
     located,
+    place_of,
     probabilities,
     sentences,
     verdict_of,
@@ -116,7 +117,7 @@ def diagnose(
     where = summary(errors_fit)
     channels = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > 0.1][:3]
     verdict = verdict_of(explanation)
-    body, direction = _place(best, where)
+    body, direction = place_of(explanation)
     clearance, others = clearance_of(explanation), equivalents(explanation)
     named = effects_of(best, probabilities(explanation)) if verdict not in ("none", "unknown") else []
     score = explanation.hints[0].gain if explanation.hints else None
@@ -225,13 +226,6 @@ def _fit_numbers(before: Sequence[Innovations], after: Sequence[Innovations]) ->
             "high": high,
         },
     }  # fmt: skip
-
-
-def _place(best: Attempt, where: dict[str, Any]) -> tuple[str | None, str | None]:
-    if not best.hypotheses:
-        return None, None
-    first = best.hypotheses[0]
-    return first.body, first.direction
 
 
 def _next_experiment(others: Sequence[Attempt], recordings: Sequence[Measured]) -> str | None:

@@ -14,6 +14,10 @@ from importlib.resources import files
 
 import numpy as np
 
+SURE = 60.0
+"""Fall of the sum of squares that neither chance nor another integrator brings."""
+CALM = 1.2
+"""Misfit that no machine reaches on which nothing is missing."""
 _NULLS = "nulls.json"
 
 

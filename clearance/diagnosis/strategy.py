@@ -71,6 +71,8 @@ def _search_all(
 
     def curve() -> None:
         found, misfit = suggest_curve(search, nominal)
+        if found:
+            explanation.suspected = (found[0].body, found[0].direction)
         if misfit < EXPLAINED or (found and found[0].body == "slider"):
             fit_curve(search, explanation, found)
         else:

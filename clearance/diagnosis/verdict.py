@@ -11,6 +11,7 @@ from clearance.diagnosis.fit import Fit
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.missing_force import unnamed
 from clearance.diagnosis.search import Attempt, explained
+from clearance.diagnosis.significance import CALM, SURE
 from clearance.mechanism.applied_force import TabulatedForce
 
 _BLOCK = 5  # segments that count as one in the robust covariance
@@ -122,11 +123,32 @@ def equivalents(explanation: Explanation) -> list[Attempt]:
     return [best, *sorted(alike, key=penalised)]
 
 
+def suspicious(explanation: Explanation) -> bool:
+    """Whether the nominal machine is further off than any on which nothing is missing, though it follows."""
+    score = explanation.hints[0].gain if explanation.hints else 0.0
+    return score > SURE or explanation.nominal.misfit > CALM
+
+
+def place_of(explanation: Explanation) -> tuple[str | None, str | None]:
+    """Body and direction of what is missing: of what was found, or else of what comes nearest to it."""
+    best = explanation.best
+    if best.hypotheses:
+        return best.hypotheses[0].body, best.hypotheses[0].direction
+    if verdict_of(explanation) == "none":
+        return None, None
+    if explanation.suspected:
+        return explanation.suspected
+    if explanation.hints:
+        likeliest = explanation.hints[0].hypotheses[0]
+        return likeliest.body, likeliest.direction
+    return None, None
+
+
 def verdict_of(explanation: Explanation) -> str:
     """None, physics, ambiguous or unknown."""
     best = explanation.best
     if not best.hypotheses:
-        return "none" if explained(best) else "unknown"
+        return "none" if explained(best) and not suspicious(explanation) else "unknown"
     if not explained(best) or unnamed(best.hypotheses) is not None:
         return "unknown"
     if len(equivalents(explanation)) > 1:
@@ -175,10 +197,12 @@ def sentences(
         ]
     gain = f"With it, held-out error falls from {held['before']:.3g} to {held['after']:.3g} (floor 1.00)"
     if verdict == "unknown" and not best.hypotheses:
+        body, direction = place_of(explanation)
+        guess = f" What comes nearest acts on the {body.replace('_', ' ')} ({direction})." if body else ""
         return [
             "Something is missing that none of the tried hypotheses explains: the nominal model's errors are "
             f"{held['before']:.3g} times those of a perfect one.",
-            f"It shows most in {', '.join(channels)}.",
+            f"It shows most in {', '.join(channels)}.{guess}",
         ]
     lines = []
     place = 1

@@ -10,6 +10,7 @@ from clearance.diagnosis.growth import Start
 from clearance.diagnosis.missing_force import unnamed
 from clearance.diagnosis.screening import Hint, screen
 from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, POOR, Attempt, explained
+from clearance.diagnosis.significance import SURE
 from clearance.diagnosis.suspicion import suspect
 from clearance.diagnosis.trace import Trace, profile
 from clearance.errors import InputError
@@ -21,7 +22,6 @@ _LIKELY = 0.04  # of what is missing: effects that were right promised 5 to 90 %
 _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
-_SURE = 60.0  # fall of the sum of squares that neither chance nor another integrator brings (35 seen)
 _ONSET = 0.01  # of what a linear look promises, to begin with
 
 
@@ -90,7 +90,7 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
             return
         found = screen(best, search.others(best), search.setting.joint, search.workers)
         explanation.hints = explanation.hints or found.singles
-        sure = [hint for hint in found.singles if hint.gain > _SURE][:_FITTED]
+        sure = [hint for hint in found.singles if hint.gain > SURE][:_FITTED]
         for hint in sure:
             search.report(f"  {hint.label}: small but sure, {hint.gain:.4g}")
             held, values = beside(best, hint.hypotheses, _begun(hint))
