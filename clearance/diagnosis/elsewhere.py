@@ -7,6 +7,7 @@ import numpy as np
 from clearance.diagnosis.explain import Explanation, Search, beside
 from clearance.diagnosis.finished import Followed
 from clearance.diagnosis.fit import Model
+from clearance.diagnosis.geometry import GEOMETRIC, suggest_dimensions
 from clearance.diagnosis.growth import Start, grow
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.search import EXPLAINED, LOOSENESS, POOR, Attempt, explained
@@ -63,11 +64,34 @@ def begin_elsewhere(search: Search, explanation: Explanation, base: Attempt) -> 
             return
 
 
+def begin_dimensions(search: Search, explanation: Explanation, channels: Sequence[str]) -> None:
+    """Fit dimensions and faults with which the motion alone agrees better, on paths that are sought anew.
+
+    Args:
+        search: after its nominal stage.
+        explanation: added to.
+        channels: whose sensors may be at fault.
+    """
+    surest = int(np.argmin([start.doubt for start in search.starts]))
+    for one in suggest_dimensions(search, channels):
+        held, values = beside(explanation.nominal, [one.hypothesis], np.array([one.value]))
+        row = values[surest]
+        row[0] = one.clearance
+        search.keep(
+            explanation, held,
+            lambda held=held, row=row: _everywhere(search, held, row, surest),  # type: ignore[misc]
+        )  # fmt: skip
+        if explained(explanation.best):
+            return
+
+
 def _begun(search: Search, hypothesis: Hypothesis, model: Model, row: np.ndarray, r: int) -> Start:
-    """Where a recording can be followed from with a hypothesis: anew where it adds coordinates."""
-    if not hypothesis.structural(search.setting.with_clearance(3e-4)):
+    """Where a recording can be followed from: anew where a hypothesis adds coordinates or moves the links."""
+    structural = hypothesis.structural(search.setting.with_clearance(3e-4))
+    if not structural and hypothesis.name not in GEOMETRIC and hypothesis.fault is None:
         return search.starts[r]
-    return Start.of(search.retrace(r, model.machine(row)), model.held(row), LOOSENESS)
+    trace = search.retrace(r, model.machine(row), model.instrument(row))
+    return Start.of(trace, model.held(row), LOOSENESS)
 
 
 def _everywhere(search: Search, held: Sequence[Hypothesis], row: np.ndarray, surest: int) -> Attempt | None:

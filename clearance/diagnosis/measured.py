@@ -133,6 +133,11 @@ class Measured:
         shape = self.values.shape
         return (whole * pace)[part].reshape(shape), sigma * pace, known[part].reshape(shape)
 
+    def undone(self, instrument: Instrument) -> "Measured":
+        """The same recording as faultless instruments would have made it."""
+        values, sigma, _ = self.restored(instrument)
+        return replace(self, values=values, sigma=sigma)
+
     @property
     def segment(self) -> float:
         """Duration of a segment [s]."""

@@ -2,16 +2,18 @@
 
 from collections.abc import Callable
 
-from clearance.diagnosis.elsewhere import begin_elsewhere
+from clearance.diagnosis.elsewhere import begin_dimensions, begin_elsewhere
 from clearance.diagnosis.explain import Explanation, Search, penalised
 from clearance.diagnosis.free_search import fit_curve, name_curve, reshape, suggest_curve
+from clearance.diagnosis.geometry import suggest_channels
 from clearance.diagnosis.missing_force import Curve, unnamed
 from clearance.diagnosis.search import EXPLAINED, Attempt, explained
 from clearance.diagnosis.simplify import enlarge, prune
-from clearance.diagnosis.widen import look, scrutinise, settled, widen
+from clearance.diagnosis.widen import deafen, look, scrutinise, settled, widen
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
 _ROOM = 1.03  # misfit above which an effect that explains may have more parameters
+_FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
 _PAIRS = 3  # pairs that are fitted
 
 
@@ -20,11 +22,11 @@ def find_explanation(
 ) -> None:
     """Find what explains the recordings, with as few effects as it takes.
 
-    Single effects and sensors at fault come first, if they promise a good part of what is missing; beside one
-    that explains a good part, the next one. Then forces of free form on the slider; effects that no linear
-    look can judge; what promised little; pairs of which neither shows without the other; other forces of free
-    form. A table is put to the test against names. What explains is looked beside for what is small, and
-    pruned.
+    Dimensions and faulty sensors come first that the motion alone points at. Then single effects and faults
+    that promise a good part of what is missing; beside one that explains a good part, the next one. Then
+    forces of free form on the slider, or with which one recording is explained; effects that no linear look
+    can judge; what promised little; pairs of which neither shows without the other; other tables. A table is
+    put to the test against names. What explains is looked beside for what is small, and pruned.
 
     Args:
         search: after its nominal stage.
@@ -47,6 +49,13 @@ def _search_all(
     prospects = look(search, explanation, nominal)
     built_on: list[Attempt] = []
     waiting: list[Curve] = []
+
+    def motion() -> None:
+        channels = suggest_channels(search)[:_FAULTS]
+        begin_dimensions(search, explanation, channels)
+        for channel in channels:
+            if not settled(search, explanation, nominal):
+                deafen(search, explanation, nominal, channel)
 
     def single() -> None:
         widen(search, explanation, nominal, prospects.likely)
@@ -90,7 +99,10 @@ def _search_all(
     def other_curve() -> None:
         fit_curve(search, explanation, waiting)
 
-    steps = (single, build_on, curve, elsewhere, build_on, unlikely, build_on, pair, build_on, other_curve)
+    steps = (
+        motion, build_on, single, build_on, curve, elsewhere, build_on, unlikely, build_on, pair, build_on,
+        other_curve,
+    )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):
             step()

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +20,8 @@ from clearance.simulation.layout import State
 CLEARANCES = np.geomspace(1e-5, 1.3e-3, 20)
 """Clearances [m] that are compared first."""
 
-_COMPARED = 130  # segments of each recording that tell the clearance
+COMPARED = 130
+"""Segments of each recording that tell the clearance."""
 _CLOSER = 6  # further clearances around the best one
 _REVOLUTIONS = 1.35  # that are followed of each recording
 _SHORTEST = 60  # segments that are followed at least
@@ -72,30 +73,49 @@ def profile(
     """
 
     def misfit(clearances: np.ndarray, segments: int) -> np.ndarray:
-        jobs = [(c, r) for c in clearances for r in range(len(recordings))]
+        return agreement(recordings, alignments, [machine(c) for c in clearances], segments, workers)
 
-        def one(job: tuple[float, int]) -> float:
-            c, r = job
-            made, known = machine(c), alignments[r]
-            samples = segments * SAMPLES
-            return reconstruct(
-                recordings[r], made.parameters(), loose(made), known.speed, known.angle, samples
-            ).misfit
-
-        with ThreadPoolExecutor(workers) as pool:
-            return np.array(list(pool.map(one, jobs))).reshape(len(clearances), -1).mean(axis=1)
-
-    coarse = misfit(CLEARANCES, _COMPARED // 2)
+    coarse = misfit(CLEARANCES, COMPARED // 2)
     best = int(np.argmin(coarse))
     low, high = CLEARANCES[max(best - 1, 0)], CLEARANCES[min(best + 1, len(CLEARANCES) - 1)]
     fine = np.geomspace(low, high, _CLOSER + 2)
-    closer = misfit(fine, _COMPARED)
+    closer = misfit(fine, COMPARED)
     # the coarse ones saw less of the recordings: they are set level with the others where both were taken
     level = closer[[0, -1]].mean() - coarse[[max(best - 1, 0), min(best + 1, len(coarse) - 1)]].mean()
     far = (low > CLEARANCES) | (high < CLEARANCES)
     clearances = np.concatenate([CLEARANCES[far], fine])
     order = np.argsort(clearances)
     return Profile(clearances[order], np.concatenate([coarse[far] + level, closer])[order])
+
+
+def agreement(
+    recordings: Sequence[Measured],
+    alignments: Sequence[Alignment],
+    machines: Sequence[SliderCrank],
+    segments: int,
+    workers: int,
+) -> np.ndarray:
+    """(machines,) how badly the motion of all recordings agrees with each machine's geometry.
+
+    Args:
+        recordings: of one machine.
+        alignments: theirs.
+        machines: to compare.
+        segments: of each recording that are looked at.
+        workers: threads.
+    """
+
+    def one(job: tuple[SliderCrank, int]) -> float:
+        made, r = job
+        known = alignments[r]
+        samples = segments * SAMPLES
+        return reconstruct(
+            recordings[r], made.parameters(), loose(made), known.speed, known.angle, samples
+        ).misfit
+
+    jobs = [(made, r) for made in machines for r in range(len(recordings))]
+    with ThreadPoolExecutor(workers) as pool:
+        return np.array(list(pool.map(one, jobs))).reshape(len(machines), -1).mean(axis=1)
 
 
 def loose(machine: SliderCrank) -> tuple[str, ...]:
@@ -136,9 +156,7 @@ class Trace:
                 "held_out recordings"
             )
         p = machine.parameters()
-        values, sigma, _ = measured.restored(instrument)
-        right = replace(measured, values=values, sigma=sigma)
-        path = reconstruct(right, p, loose(machine), alignment.speed, alignment.angle)
+        path = reconstruct(measured.undone(instrument), p, loose(machine), alignment.speed, alignment.angle)
         arms = (
             _DRIVE * float(p[Parameter.CRANK_LENGTH]),
             0.5 * float(p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]),

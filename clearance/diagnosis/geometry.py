@@ -1,0 +1,136 @@
+"""What the motion alone says of the mechanism's dimensions and of its sensors, before any force is believed.
+
+The path that the accelerations show (``reconstruction``) must fit the links, the guide, the gaps of the
+joints and every channel. Where a dimension or a sensor is wrong it does not, whatever moves the machine; a
+force that is missing leaves the agreement as it is. On the plant's machines a guide line that lies elsewhere
+or play in the other joint, once put right, lowers the disagreement to a seventh or to three quarters, and
+nothing else by more than 2 %; without a sensor at fault a third is left, without another one two thirds.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from clearance.diagnosis.explain import Search
+from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.diagnosis.instrument import Instrument
+from clearance.diagnosis.measured import Measured
+from clearance.diagnosis.trace import COMPARED, agreement, profile
+from clearance.errors import InputError
+from clearance.mechanism.slider_crank import SliderCrank
+
+GEOMETRIC = ("slider_offset", "second_clearance")
+"""Effects that change where the links can be."""
+
+_MULTIPLES = (
+    -40.0,
+    -15.0,
+    -5.0,
+    -2.0,
+    -0.5,
+    0.5,
+    2.0,
+    5.0,
+    15.0,
+    40.0,
+)  # of a plausible size: compared first
+_WITHIN = 2.5  # times larger or smaller than the best one of these
+_CLEARLY = 0.9  # of the disagreement without it
+_MISLED = 0.6  # of the disagreement: less is left without a channel whose sensor is at fault
+_CLOSER = 8  # sizes that are compared around the best one
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A dimension, or the size of a sensor's fault, with which the motion agrees better.
+
+    Attributes:
+        hypothesis: that it differs.
+        value: at which the motion agrees best.
+        clearance: beside it [m].
+        share: of the disagreement that is left.
+    """
+
+    hypothesis: Hypothesis
+    value: float
+    clearance: float
+    share: float
+
+
+def suggest_channels(search: Search) -> list[str]:
+    """Channels without which the motion agrees much better, the most suspicious one first."""
+    machine = search.setting.with_clearance(search.profile.best)
+    recordings, channels = search.recordings, search.recordings[0].channels
+
+    def disagree(heard: list[Measured]) -> float:
+        return float(agreement(heard, search.alignments, [machine], COMPARED, search.workers)[0])
+
+    whole = disagree(recordings)
+    shares = {c: disagree([one.without(c) for one in recordings]) / whole for c in channels}
+    found = sorted((c for c in channels if shares[c] < _MISLED), key=lambda c: shares[c])
+    for channel in found:
+        search.report(f"  without {channel} {shares[channel]:.0%} of the motion's disagreement are left")
+    return found
+
+
+def suggest_dimensions(search: Search, channels: Sequence[str]) -> list[Dimension]:
+    """Dimensions and faults with which the motion agrees clearly better, the best one first.
+
+    Args:
+        search: after its nominal stage.
+        channels: whose sensors may be at fault.
+    """
+    found = []
+    for group in search.groups.values():
+        hypothesis = group[0]
+        possible = hypothesis.name in GEOMETRIC or hypothesis.channel in channels
+        if not possible or len(hypothesis.unknowns) != 1:
+            continue
+        best = _dimension(search, hypothesis)
+        if best is not None:
+            search.report(
+                f"  the motion agrees with {hypothesis.label} = {best.value:.3g} and a clearance of "
+                f"{best.clearance * 1e3:.3f} mm: {best.share:.0%} of the disagreement are left"
+            )
+            found.append(best)
+    return sorted(found, key=lambda one: one.share)
+
+
+def _dimension(search: Search, hypothesis: Hypothesis) -> Dimension | None:
+    (off,), (unknown,) = hypothesis.off, hypothesis.unknowns
+    off = off if np.isfinite(off) else 0.0
+    sizes = off + np.array(_MULTIPLES) * (hypothesis.start[0] - off)
+    sizes = sizes[(sizes >= unknown.low) & (sizes <= unknown.high)]
+
+    def machine(clearance: float, size: float) -> SliderCrank:
+        nominal = search.setting.with_clearance(clearance)
+        return nominal if hypothesis.fault else hypothesis.apply(nominal, np.array([size]))
+
+    def heard(size: float) -> list[Measured]:
+        if hypothesis.fault is None:
+            return search.recordings
+        instrument = hypothesis.fault(Instrument(), np.array([size]))
+        return [one.undone(instrument) for one in search.recordings]
+
+    def disagree(clearance: float, size: float) -> float:
+        try:
+            machines = [machine(clearance, size)]
+            return float(agreement(heard(size), search.alignments, machines, COMPARED, search.workers)[0])
+        except (InputError, np.linalg.LinAlgError):  # a linkage that does not turn
+            return float("inf")
+
+    nominal = [search.setting.with_clearance(search.profile.best)]
+    without = float(agreement(search.recordings, search.alignments, nominal, COMPARED, search.workers)[0])
+    tried = [disagree(search.profile.best, size) for size in sizes]
+    if not tried or not min(tried) < _CLEARLY * without:
+        return None
+    size = float(sizes[int(np.argmin(tried))])
+    beside = profile(heard(size), search.alignments, lambda c: machine(c, size), search.workers).best
+    low, high = sorted((off + (size - off) / _WITHIN, off + (size - off) * _WITHIN))
+    closer = minimize_scalar(
+        lambda one: disagree(beside, float(one)), method="bounded",
+        bounds=(max(low, unknown.low), min(high, unknown.high)), options={"maxiter": _CLOSER},
+    )  # fmt: skip
+    return Dimension(hypothesis, float(closer.x), beside, float(closer.fun / without))
