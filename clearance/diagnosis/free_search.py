@@ -143,7 +143,8 @@ def name_curve(search: Search, explanation: Explanation) -> None:
     own = [follower.part(0, follower.segments) for follower in best.followers]
     nominal = fit(own, model, values, 0, 1.0, search.workers, scale=ANNEALING[2])
     base = Attempt((), model, nominal, ANNEALING[2], nominal.level, own)
-    for hint in look(search, explanation, base).likely[:_NAMED]:
+    prospects = look(search, explanation, base)
+    for hint in [*prospects.plain, *prospects.likely][:_NAMED]:
         held, begun = beside(base, hint.hypotheses, hint.values)
         search.refit(explanation, held, own, begun, ANNEALING[2])
 

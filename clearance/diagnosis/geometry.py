@@ -23,6 +23,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 
 GEOMETRIC = ("slider_offset", "second_clearance")
 """Effects that change where the links can be."""
+_CLOCK = "timebase"
 
 _MULTIPLES = (
     -40.0,
@@ -38,6 +39,7 @@ _MULTIPLES = (
 )  # of a plausible size: compared first
 _WITHIN = 2.5  # times larger or smaller than the best one of these
 _CLEARLY = 0.9  # of the disagreement without it
+_MUCH = 0.4  # by which it falls at least: below, a second gap takes up what a friction does (0.2 seen)
 _MISLED = 0.6  # of the disagreement: less is left without a channel whose sensor is at fault
 _CLOSER = 8  # sizes that are compared around the best one
 
@@ -85,7 +87,7 @@ def suggest_dimensions(search: Search, channels: Sequence[str]) -> list[Dimensio
     found = []
     for group in search.groups.values():
         hypothesis = group[0]
-        possible = hypothesis.name in GEOMETRIC or hypothesis.channel in channels
+        possible = hypothesis.name in (*GEOMETRIC, _CLOCK) or hypothesis.channel in channels
         if not possible or len(hypothesis.unknowns) != 1:
             continue
         best = _dimension(search, hypothesis)
@@ -124,7 +126,7 @@ def _dimension(search: Search, hypothesis: Hypothesis) -> Dimension | None:
     nominal = [search.setting.with_clearance(search.profile.best)]
     without = float(agreement(search.recordings, search.alignments, nominal, COMPARED, search.workers)[0])
     tried = [disagree(search.profile.best, size) for size in sizes]
-    if not tried or not min(tried) < _CLEARLY * without:
+    if not tried or not min(tried) < min(_CLEARLY * without, without - _MUCH):
         return None
     size = float(sizes[int(np.argmin(tried))])
     beside = profile(heard(size), search.alignments, lambda c: machine(c, size), search.workers).best

@@ -22,11 +22,12 @@ def find_explanation(
 ) -> None:
     """Find what explains the recordings, with as few effects as it takes.
 
-    Dimensions and faulty sensors come first that the motion alone points at. Then single effects and faults
-    that promise a good part of what is missing; beside one that explains a good part, the next one. Then
-    forces of free form on the slider, or with which one recording is explained; effects that no linear look
-    can judge; what promised little; pairs of which neither shows without the other; other tables. A table is
-    put to the test against names. What explains is looked beside for what is small, and pruned.
+    Single effects come first that promise much of what is missing; then dimensions and faulty sensors that
+    the motion alone points at; then effects and faults that promise a good part. Beside one that explains a
+    good part, the next one. Then forces of free form on the slider, or with which one recording is explained;
+    effects that no linear look can judge; what promised little; pairs of which neither shows without the
+    other; other tables. A table is put to the test against names. What explains is looked beside for what is
+    small, and pruned.
 
     Args:
         search: after its nominal stage.
@@ -50,6 +51,9 @@ def _search_all(
     built_on: list[Attempt] = []
     waiting: list[Curve] = []
 
+    def plain() -> None:
+        widen(search, explanation, nominal, prospects.plain)
+
     def motion() -> None:
         channels = suggest_channels(search)[:_FAULTS]
         begin_dimensions(search, explanation, channels)
@@ -57,7 +61,7 @@ def _search_all(
             if not settled(search, explanation, nominal):
                 deafen(search, explanation, nominal, channel)
 
-    def single() -> None:
+    def likely() -> None:
         widen(search, explanation, nominal, prospects.likely)
 
     def unlikely() -> None:
@@ -73,7 +77,8 @@ def _search_all(
             if _enough(explanation) or search.late():
                 return
             base = explanation.best
-            widen(search, explanation, base, look(search, explanation, base).likely)
+            beside = look(search, explanation, base)
+            widen(search, explanation, base, [*beside.plain, *beside.likely])
             if not settled(search, explanation, base):
                 begin_elsewhere(search, explanation, base)
             before, base = base, explanation.best
@@ -100,8 +105,8 @@ def _search_all(
         fit_curve(search, explanation, waiting)
 
     steps = (
-        motion, build_on, single, build_on, curve, elsewhere, build_on, unlikely, build_on, pair, build_on,
-        other_curve,
+        plain, motion, build_on, likely, build_on, curve, elsewhere, build_on, unlikely, build_on, pair,
+        build_on, other_curve,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):

@@ -103,15 +103,19 @@ def agreement(
         machines: to compare.
         segments: of each recording that are looked at.
         workers: threads.
+
+    Raises:
+        LinAlgError: a linkage that does not turn.
     """
 
     def one(job: tuple[SliderCrank, int]) -> float:
         made, r = job
         known = alignments[r]
         samples = segments * SAMPLES
-        return reconstruct(
-            recordings[r], made.parameters(), loose(made), known.speed, known.angle, samples
-        ).misfit
+        with np.errstate(invalid="ignore"):  # links that do not reach; the smoother refuses what comes of it
+            return reconstruct(
+                recordings[r], made.parameters(), loose(made), known.speed, known.angle, samples
+            ).misfit
 
     jobs = [(made, r) for made in machines for r in range(len(recordings))]
     with ThreadPoolExecutor(workers) as pool:

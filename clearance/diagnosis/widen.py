@@ -19,6 +19,7 @@ _FITTED = 4  # hypotheses of one screening that are fitted
 _HOPEFUL = 0.1  # of the best one's gain: less is not fitted
 _LITTLE = 1e-3  # misfit above a perfect model's: less is nothing to take shares of
 _LIKELY = 0.04  # of what is missing: effects that were right promised 5 to 90 %, others 0 to 6 %
+_PLAIN = 0.3  # of it: such effects come before anything else
 _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
@@ -30,11 +31,13 @@ class Prospects:
     """What one look at all hypotheses suggests, most promising ones first.
 
     Attributes:
-        likely: single hypotheses that promise a good part of what is missing.
+        plain: single hypotheses that promise much of what is missing.
+        likely: others that promise a good part of it.
         unlikely: others, which promise much less than that.
         pairs: of hypotheses.
     """
 
+    plain: list[Hint]
     likely: list[Hint]
     unlikely: list[Hint]
     pairs: list[Hint]
@@ -50,8 +53,9 @@ def look(search: Search, explanation: Explanation, base: Attempt) -> Prospects:
         search.report(f"  {hint.label}: promises {hint.gain / missing:.1%} of what is missing")
     best = found.singles[0].gain if found.singles else 0.0
     hopeful = [hint for hint in found.singles if hint.gain > _HOPEFUL * best]
-    likely = [hint for hint in hopeful if hint.gain > _LIKELY * missing]
-    return Prospects(likely, hopeful[len(likely) :], found.pairs)
+    plain = [hint for hint in hopeful if hint.gain > _PLAIN * missing]
+    likely = [hint for hint in hopeful[len(plain) :] if hint.gain > _LIKELY * missing]
+    return Prospects(plain, likely, hopeful[len(plain) + len(likely) :], found.pairs)
 
 
 def widen(search: Search, explanation: Explanation, base: Attempt, hints: Sequence[Hint]) -> None:
