@@ -210,6 +210,7 @@ def kept_in(
         "hypotheses": [
             [h.label, h.start.tolist(), h.off.tolist(), h.unknowns] for g in groups.values() for h in g
         ],
+        "effects": [group[0].effect for group in groups.values()],
     }  # fmt: skip
     return root / fingerprint(known)
 
