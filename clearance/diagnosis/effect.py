@@ -79,8 +79,8 @@ class FreeParameter:
         checks = (
             (self.operation in _OPERATIONS, f"operation = {self.operation!r} is not one of {_OPERATIONS}"),
             (self.scale in _SCALES, f"scale = {self.scale!r} is not one of {_SCALES}"),
-            (0.0 <= self.step < high - low, f"step = {self.step} is not in [0, {high - low})"),
             (low < high, f"bounds = {list(self.bounds)} do not rise"),
+            (0.0 <= self.step < high - low, f"step = {self.step} is not in [0, {high - low})"),
             (self.scale == "linear" or low > 0.0, f"bounds = {list(self.bounds)} reach 0 on a log scale"),
             (
                 all(low <= value <= high for value in (self.start, *self.trials)),
