@@ -57,7 +57,7 @@ def main(cfg: DictConfig) -> None:
     most = cfg.most_effects
     if isinstance(most, bool) or not isinstance(most, int) or not 1 <= most <= 3:
         raise InputError(f"most_effects = {most!r} is not a whole number from 1 to 3; change most_effects")
-    limit = _time_limit(cfg.time_limit)
+    limit, finished = _time_limit(cfg.time_limit), _finished(cfg.finished)
     workers = threads(cfg.workers) or os.cpu_count() or 1
     recordings, held_out = _read("recordings", cfg.recordings), _read("held_out", cfg.held_out)
 
@@ -89,7 +89,7 @@ def main(cfg: DictConfig) -> None:
         fitted, judged = _load(recordings or demonstration(settings[0]), held_out, channels)
         outcome = diagnose(
             fitted, judged, settings, effects, (low, high), workers, most, log.info, keep,
-            limit, None if cfg.finished is None else Path(str(cfg.finished)),
+            limit, finished,
         )  # fmt: skip
     _write(folder, outcome)
     lines = [*outcome.diagnosis["summary"], *outcome.diagnosis["warnings"]]
@@ -112,6 +112,14 @@ def _time_limit(given: Any) -> float:
     if isinstance(given, bool) or not isinstance(given, int | float) or not given > 0.0:
         raise InputError(f"time_limit = {given!r} is not a time above 0 s or null; change time_limit")
     return float(given)
+
+
+def _finished(given: Any) -> Path | None:
+    if given is None:
+        return None
+    if not isinstance(given, str) or not given.strip():
+        raise InputError(f"finished = {given!r} is not a folder or null; change finished")
+    return Path(given)
 
 
 def _load(

@@ -7,7 +7,7 @@ import numpy as np
 
 from clearance.diagnosis.explain import Explanation, Search, penalised
 from clearance.diagnosis.measured import Measured
-from clearance.diagnosis.mismatch import Innovations, innovations, locate
+from clearance.diagnosis.mismatch import Innovations, innovations, locate, whiteness
 from clearance.diagnosis.nominal_map import nominal_map
 from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.signature import signatures
@@ -42,12 +42,12 @@ def gather_evidence(
     best, nominal, setting = explanation.best, explanation.nominal, search.setting
     body = best.hypotheses[0].body if best.hypotheses else ""
     clearance, speed = best.fit.values[0, [0, -1]]
-    curve = free_form_of(best, setting)
+    curve, judged = free_form_of(best, setting), innovations(after, setting.joint)
     return {
         "where": locate(errors, innovations(best, setting.joint)),
         "ranking": _ranking(explanation),
         "overlays": _overlays(before, after),
-        "checks": _checks(innovations(after, setting.joint)),
+        "checks": whiteness(judged[0].channels, [one.values for one in judged]),
         "clearance_profile": {
             "clearance_m": search.profile.clearance.tolist(),
             "misfit": search.profile.misfit.round(4).tolist(),
@@ -159,26 +159,3 @@ def _overlays(before: Attempt, after: Attempt) -> list[dict[str, Any]]:
             }
         )  # fmt: skip
     return found
-
-
-def _checks(errors: Sequence[Innovations]) -> dict[str, Any]:
-    """Whiteness and normalised innovation squared of the final model (Bar-Shalom et al. 2001, ch. 5)."""
-    channels = errors[0].channels
-    lags = range(1, 11)
-    stacked = [one.values for one in errors]
-    correlation: dict[str, list[float]] = {}
-    for i, channel in enumerate(channels):
-        correlation[channel] = []
-        for lag in lags:
-            top = sum(float((v[:-lag, i] * v[lag:, i]).sum()) for v in stacked)
-            correlation[channel].append(top / max(sum(float((v[:, i] ** 2).sum()) for v in stacked), 1e-12))
-    squares = np.concatenate([v.ravel() ** 2 for v in stacked])
-    half = 1.96 * np.sqrt(2.0 / len(squares))
-    return {
-        "channels": list(channels),
-        "whiteness": [correlation[c][0] for c in channels],
-        "autocorrelation": correlation,
-        "normalised_innovation_squared": {
-            "value": float(squares.mean()), "low": 1.0 - half, "high": 1.0 + half,
-        },
-    }  # fmt: skip

@@ -108,6 +108,7 @@ class Search:
         """Whether nothing new is to be tried; ``stopped`` says why."""
         if not self.stopped and time.monotonic() > self.deadline:
             self.stopped = "time_limit was over (time_limit=null sets none)"
+            self.finished.stop()
         return bool(self.stopped)
 
     def trace(self) -> None:

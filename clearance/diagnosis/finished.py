@@ -5,8 +5,9 @@ before. A fit is therefore known by its place in that history. A run that was ki
 limit, goes on from there; another program, recording or setting begins anew. The files hold numbers alone.
 """
 
+import contextlib
 import hashlib
-import shutil
+import re
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -30,6 +31,7 @@ from clearance.provenance import fingerprint
 from clearance.whole_files import write_atomically
 
 _KEPT = 30  # diagnoses whose fits stay in a folder, of about a MiB each
+_NAME = re.compile("[0-9a-f]{16}")  # of a diagnosis' folder
 _PROGRAM = ("diagnosis", "mechanism", "recording", "simulation")  # packages that a fit depends on
 Found = TypeVar("Found")
 Arrays = Mapping[str, np.ndarray]
@@ -54,6 +56,10 @@ class Finished:
         self._history = hashlib.sha256()
         if folder is not None:
             _make_room(folder)
+
+    def stop(self) -> None:
+        """Keep nothing from here on: what a search does once it is late is no part of one that goes on."""
+        self.folder = None
 
     def attempt(
         self,
@@ -164,7 +170,7 @@ class Finished:
             write_atomically(path, lambda file: np.savez(file, **packed))  # type: ignore[arg-type]
         except InputError as error:
             self.report(f"fits are not kept for another run: {error}")
-            self.folder = None
+            self.stop()
         return found
 
     def _packed(self, followers: Sequence[Follower]) -> dict[str, np.ndarray]:
@@ -225,14 +231,18 @@ def _program() -> str:
 
 
 def _make_room(folder: Path) -> None:
-    """Make the folder; beside it only the newest others stay."""
+    """Make the folder; of those like it beside it only the newest stay. Nothing else is touched there."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        others = sorted((p for p in folder.parent.iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime)
+        alike = [p for p in folder.parent.iterdir() if _NAME.fullmatch(p.name) and p.is_dir()]
+        alike.sort(key=lambda p: p.stat().st_mtime)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror or error}); change finished") from error
-    for outdated in others[:-_KEPT]:
-        shutil.rmtree(outdated, ignore_errors=True)
+    for outdated in alike[:-_KEPT]:
+        with contextlib.suppress(OSError):  # another run may be at it, or it holds what is not ours
+            for file in outdated.glob("*.npz"):
+                file.unlink()
+            outdated.rmdir()
 
 
 def _read(path: Path) -> dict[str, np.ndarray] | None:

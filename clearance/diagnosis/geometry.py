@@ -2,9 +2,10 @@
 
 The path that the accelerations show (``reconstruction``) must fit the links, the guide, the gaps of the
 joints and every channel. Where a dimension or a sensor is wrong it does not, whatever moves the machine; a
-force that is missing leaves the agreement as it is. On the plant's machines a guide line that lies elsewhere
-or play in the other joint, once put right, lowers the disagreement to a seventh or to three quarters, and
-nothing else by more than 2 %; without a sensor at fault a third is left, without another one two thirds.
+force that is missing leaves the agreement as it is. On the plant's machines a guide line that lies
+elsewhere or play in the other joint, once put right, lowers the disagreement to a seventh or to three
+quarters; where it is small from the start, play takes up a little of what friction does. Without a sensor at
+fault a third is left, without another one two thirds.
 """
 
 from collections.abc import Sequence
@@ -25,18 +26,7 @@ GEOMETRIC = ("slider_offset", "second_clearance")
 """Effects that change where the links can be."""
 _CLOCK = "timebase"
 
-_MULTIPLES = (
-    -40.0,
-    -15.0,
-    -5.0,
-    -2.0,
-    -0.5,
-    0.5,
-    2.0,
-    5.0,
-    15.0,
-    40.0,
-)  # of a plausible size: compared first
+_MULTIPLES = np.outer([-1.0, 1.0], [0.5, 2.0, 5.0, 15.0, 40.0]).ravel()  # of a plausible size
 _WITHIN = 2.5  # times larger or smaller than the best one of these
 _CLEARLY = 0.9  # of the disagreement without it
 _MUCH = 0.4  # by which it falls at least: below, a second gap takes up what a friction does (0.2 seen)
@@ -103,7 +93,7 @@ def suggest_dimensions(search: Search, channels: Sequence[str]) -> list[Dimensio
 def _dimension(search: Search, hypothesis: Hypothesis) -> Dimension | None:
     (off,), (unknown,) = hypothesis.off, hypothesis.unknowns
     off = off if np.isfinite(off) else 0.0
-    sizes = off + np.array(_MULTIPLES) * (hypothesis.start[0] - off)
+    sizes = off + _MULTIPLES * (hypothesis.start[0] - off)
     sizes = sizes[(sizes >= unknown.low) & (sizes <= unknown.high)]
 
     def machine(clearance: float, size: float) -> SliderCrank:

@@ -37,6 +37,31 @@ class Innovations:
     rate: float
 
 
+def whiteness(channels: Sequence[str], scaled: Sequence[np.ndarray]) -> dict[str, Any]:
+    """Autocorrelation at ten lags and normalised innovation squared (Bar-Shalom et al. 2001, ch. 5).
+
+    Args:
+        channels: names.
+        scaled: (samples, channels) of each recording, what a model leaves in units of its noise.
+    """
+    correlation: dict[str, list[float]] = {}
+    for i, channel in enumerate(channels):
+        total = max(sum(float((v[:, i] ** 2).sum()) for v in scaled), 1e-12)
+        correlation[channel] = [
+            sum(float((v[:-lag, i] * v[lag:, i]).sum()) for v in scaled) / total for lag in range(1, 11)
+        ]
+    squares = np.concatenate([v.ravel() ** 2 for v in scaled])
+    half = 1.96 * np.sqrt(2.0 / len(squares))
+    return {
+        "channels": list(channels),
+        "whiteness": [correlation[c][0] for c in channels],
+        "autocorrelation": correlation,
+        "normalised_innovation_squared": {
+            "value": float(squares.mean()), "low": 1.0 - half, "high": 1.0 + half,
+        },
+    }  # fmt: skip
+
+
 def innovations(attempt: Attempt, joint: str, floor: Attempt | None = None) -> list[Innovations]:
     """Innovations of each recording, over what a perfect model's would be: that of ``floor``, or its own."""
     found = []

@@ -138,6 +138,7 @@ def recordings(tmp_path_factory):
         (("recordings=a.parquet", "speed_range=[3000,150]"), "speed_range = [3000, 150]"),
         (("recordings=a.parquet", "speed_range=[abc,150]"), "speed_range = ['abc', 150]"),
         (("recordings=a.parquet", "most_effects=-1"), "most_effects = -1"),
+        (("recordings=a.parquet", "finished=5"), "finished = 5"),
         (("recordings=a.parquet", "workers=0"), "workers = 0"),
         (("recordings=a.parquet", "time_limit=-5"), "time_limit = -5"),
         (("recordings=a.parquet", "sensors=crank"), "change sensors"),

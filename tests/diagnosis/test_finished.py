@@ -9,7 +9,7 @@ from clearance.diagnosis import explain
 from clearance.diagnosis.demonstration import record
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.explain import Search
-from clearance.diagnosis.finished import kept_in
+from clearance.diagnosis.finished import Finished, kept_in
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured, chain_of
@@ -78,6 +78,34 @@ def test_other_recordings_settings_and_hypotheses_begin_anew(first, measured):
     names.add(kept_in(*known[:4], {}))
     assert len(names) == 4
     assert kept_in(None, *known[1:]) is None
+
+
+def test_a_search_that_was_late_leaves_nothing_that_another_would_not_do(first, measured, tmp_path):
+    _, (_, whole) = first
+    search, _, _ = locate_joint(
+        [measured], [SETTING], load_effects(["gravity"], []), SPEEDS, 1, lambda _: None, 0.0, tmp_path
+    )
+    assert search.late()
+    kept = sorted(tmp_path.rglob("*.npz"))
+    search.finished.number("anything", lambda: 1.0)
+    assert sorted(tmp_path.rglob("*.npz")) == kept != []
+    _, after = run(measured, tmp_path)
+    np.testing.assert_array_equal(after.best.fit.values, whole.best.fit.values)
+
+
+def test_only_folders_of_its_own_are_cleared(tmp_path):
+    theirs = tmp_path / "measurements"
+    theirs.mkdir()
+    (theirs / "a.npz").write_text("mine")
+    mixed = tmp_path / f"{0:016x}"
+    mixed.mkdir()
+    (mixed / "notes.txt").write_text("mine")
+    for i in range(1, 40):
+        (tmp_path / f"{i:016x}").mkdir()
+    Finished(tmp_path / f"{99:016x}", [], print)
+    assert (theirs / "a.npz").exists()
+    assert (mixed / "notes.txt").exists()
+    assert len(list(tmp_path.iterdir())) < 35
 
 
 def test_a_folder_that_cannot_be_made_is_named(measured, tmp_path):

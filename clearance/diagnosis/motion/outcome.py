@@ -9,6 +9,7 @@ import numpy as np
 
 from clearance.diagnosis.effect import Effect
 from clearance.diagnosis.hypothesis import Setting
+from clearance.diagnosis.mismatch import whiteness
 from clearance.diagnosis.motion.beginning import begin
 from clearance.diagnosis.motion.fit import Fit, fit
 from clearance.diagnosis.motion.model import Model, encoder_zero, gather
@@ -135,7 +136,9 @@ def diagnose(
         ),
         "ranking": _ranking(findings),
         "overlays": _overlays(before, after),
-        "checks": _checks(after, floor),
+        "checks": whiteness(
+            after.explained.channels, _scaled(after.fit, after.tracks, after.explained, floor)
+        ),
         "noise": dict(zip(findings.enough.channels, noise.tolist(), strict=True)),
         "mechanism": {
             "crank_length": machine.crank.length, "rod_length": machine.rod.length,
@@ -276,28 +279,6 @@ def _overlays(before: _Judged, after: _Judged) -> list[dict[str, Any]]:
             }
         )  # fmt: skip
     return found
-
-
-def _checks(judged: _Judged, noise: np.ndarray) -> dict[str, Any]:
-    """Whiteness and size of what the corrected model leaves of the held-out recordings."""
-    channels = judged.explained.channels
-    correlation: dict[str, list[float]] = {}
-    scaled = _scaled(judged.fit, judged.tracks, judged.explained, noise)
-    for i, channel in enumerate(channels):
-        total = max(sum(float((v[:, i] ** 2).sum()) for v in scaled), 1e-12)
-        correlation[channel] = [
-            sum(float((v[:-lag, i] * v[lag:, i]).sum()) for v in scaled) / total for lag in range(1, 11)
-        ]
-    squares = judged.squares(noise)
-    half = 1.96 * np.sqrt(2.0 / (len(squares) * len(channels)))
-    return {
-        "channels": list(channels),
-        "whiteness": [correlation[c][0] for c in channels],
-        "autocorrelation": correlation,
-        "normalised_innovation_squared": {
-            "value": float(squares.mean()), "low": 1.0 - half, "high": 1.0 + half,
-        },
-    }  # fmt: skip
 
 
 def _about(track: Track, r: int, found: Fit, held_out: Sequence[Track], turned: np.ndarray) -> dict[str, Any]:
