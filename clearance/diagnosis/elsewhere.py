@@ -1,10 +1,11 @@
 """Effects that no look beside a nominal path can judge: they add coordinates, or change much at once."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from clearance.diagnosis.explain import Explanation, Search, beside
+from clearance.diagnosis.explain import FAR, HALFWAY, Explanation, Search, beside, enough
 from clearance.diagnosis.finished import Followed
 from clearance.diagnosis.fit import Model
 from clearance.diagnosis.geometry import GEOMETRIC, suggest_dimensions
@@ -14,10 +15,13 @@ from clearance.diagnosis.search import EXPLAINED, LOOSENESS, POOR, Attempt, expl
 from clearance.errors import InputError
 
 _FITTED = 2  # of them that are fitted to all recordings
-_PART = 0.5  # of the base's misfit: one that leaves more of one recording is not
-_TRIALS = 3  # plausible shapes of an effect that are tried
+_LEFT = 0.3  # of what a base that explains leaves: what is right leaves less
+_LOOKS = 3  # at all recordings
+_TRIALS = 3  # plausible shapes or sizes of an effect that are tried
+_ASTRAY = 1.3  # times larger or smaller than another one: a clearance that means another path
 _ELSEWHERE = ("soft_drive", "second_clearance", "rod_flexibility", "flexible_base", "guide_clearance")
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
+_FILM, _DRIVE = "joint_lubrication", "soft_drive"
 
 
 def begin_elsewhere(search: Search, explanation: Explanation, base: Attempt) -> None:
@@ -26,41 +30,92 @@ def begin_elsewhere(search: Search, explanation: Explanation, base: Attempt) -> 
     No linear look at a path without them can judge them. They are tried on one recording; the best are
     fitted to all.
     """
+    tried = (_DRIVE,) if base is explanation.nominal and base.misfit > FAR else ()  # in ``begin_plausible``
+    groups = [g for g in _judged_elsewhere(search.others(base)) if g[0].name not in tried]
+    _try_out(search, explanation, base, groups, None)
+
+
+def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> None:
+    """Fit every effect of one size from a plausible one, where the path is far from right.
+
+    A linear look beside such a path may promise nothing of an effect that, once there, follows the recording.
+    """
+    if base.misfit < FAR:
+        return
+    known = {attempt.label for attempt in explanation.attempts}
+    apart = ("process_load",)  # its edges
+    groups = [
+        [group[0]]
+        for group in search.others(base)
+        if _of_one_size(group[0])
+        and group[0].fault is None
+        and group[0].name not in (*_ELSEWHERE, *GEOMETRIC, *apart)
+        and group[0].label not in known
+    ]
+    drives = [group for group in _judged_elsewhere(search.others(base)) if group[0].name == _DRIVE]
+    _try_out(search, explanation, base, [*groups, *drives], None)
+
+
+def begin_film(search: Search, explanation: Explanation) -> None:
+    """Fit a film in the joint where the motion shows another clearance than the nominal machine finds.
+
+    A machine whose journal is cushioned moves as if its gap were small, which the geometry contradicts.
+    """
+    nominal, shown = explanation.nominal, search.profile.best
+    if _astray(nominal.fit.values[0, 0], shown):
+        groups = [g for g in search.others(nominal) if g[0].name == _FILM]
+        _try_out(search, explanation, nominal, groups, shown)
+
+
+def _try_out(
+    search: Search,
+    explanation: Explanation,
+    base: Attempt,
+    groups: Sequence[Sequence[Hypothesis]],
+    clearance: float | None,
+) -> None:
+    """Try hypotheses on one recording, fit the best to all; from a clearance [m], or that of ``base``."""
     surest = int(np.argmin([start.doubt for start in search.starts]))
+    limit, good = max(base.misfits[surest], POOR), enough(base, surest)
+    little = min(EXPLAINED, 1.0 + _LEFT * (base.misfits[surest] - 1.0)) if explained(base) else EXPLAINED
     tried: list[tuple[float, list[Hypothesis], np.ndarray]] = []
 
     def everywhere(held: list[Hypothesis], row: np.ndarray) -> bool:
-        search.keep(explanation, held, lambda: _everywhere(search, held, row, surest))
-        return explained(explanation.best)
+        search.keep(explanation, held, lambda: _everywhere(search, held, row, surest, base))
+        return explained(explanation.best) and explanation.best is not base
 
-    for group in _judged_elsewhere(search.others(base)):
+    for group in groups:
         for hypothesis in group[:_TRIALS]:
             if search.late():
                 return
             held, values = beside(base, [hypothesis], hypothesis.start)
             model, row = search.setting.model(held), values[surest]
+            row[0] = row[0] if clearance is None else clearance
 
             def one(
                 h: Hypothesis = hypothesis, model: Model = model, row: np.ndarray = row
             ) -> Followed | None:
-                return grow(_begun(search, h, model, row, surest), model, row, max(base.misfit, POOR))
+                return grow(_begun(search, h, model, row, surest), model, row, limit)
 
             try:
-                found = search.finished.followed(f"{base.label} + {hypothesis.label}, one recording", one)
+                begun = f"{base.label} + {hypothesis.label} from {row}, one recording"
+                found = search.finished.followed(begun, one)
             except (InputError, np.linalg.LinAlgError):
                 continue
             if found is None:
                 continue
             misfit = found[2]
             search.report(f"  {hypothesis.label}: misfit {misfit:.3g} on one recording")
-            if misfit < EXPLAINED:  # of the others, too? one recording at one speed shows little of a motor
+            if misfit < little:  # of the others, too? one recording at one speed shows little of a motor
                 if everywhere(held, found[1]):
                     return
                 break
             tried.append((misfit, held, found[1]))
-    tried.sort(key=lambda one: one[0])
-    for misfit, held, row in tried[:_FITTED]:
-        if misfit > _PART * base.misfit or search.late() or everywhere(held, row):
+    best: dict[str, tuple[float, list[Hypothesis], np.ndarray]] = {}
+    for trial in sorted(tried, key=lambda trial: trial[0]):
+        best.setdefault(trial[1][-1].label, trial)
+    for misfit, held, row in list(best.values())[:_FITTED]:
+        if misfit > (little if explained(base) else good) or search.late() or everywhere(held, row):
             return
 
 
@@ -79,43 +134,74 @@ def begin_dimensions(search: Search, explanation: Explanation, channels: Sequenc
         row[0] = one.clearance
         search.keep(
             explanation, held,
-            lambda held=held, row=row: _everywhere(search, held, row, surest),  # type: ignore[misc]
+            lambda held=held, row=row: _everywhere(  # type: ignore[misc]
+                search, held, row, surest, explanation.nominal
+            ),
         )  # fmt: skip
         if explained(explanation.best):
             return
 
 
 def _begun(search: Search, hypothesis: Hypothesis, model: Model, row: np.ndarray, r: int) -> Start:
-    """Where a recording can be followed from: anew where a hypothesis adds coordinates or moves the links."""
+    """Where a recording can be followed from: anew where a hypothesis makes it another path."""
     structural = hypothesis.structural(search.setting.with_clearance(3e-4))
-    if not structural and hypothesis.name not in GEOMETRIC and hypothesis.fault is None:
+    moves = structural or hypothesis.name in GEOMETRIC or hypothesis.fault is not None
+    if not moves and not _astray(row[0], search.clearance):
         return search.starts[r]
+    return _anew(search, model, row, r)
+
+
+def _anew(search: Search, model: Model, row: np.ndarray, r: int) -> Start:
     trace = search.retrace(r, model.machine(row), model.instrument(row))
     return Start.of(trace, model.held(row), LOOSENESS)
 
 
-def _everywhere(search: Search, held: Sequence[Hypothesis], row: np.ndarray, surest: int) -> Attempt | None:
-    """Fit to all recordings what the surest one suggests.
+def _everywhere(
+    search: Search, held: Sequence[Hypothesis], row: np.ndarray, surest: int, base: Attempt
+) -> Attempt | None:
+    """Fit to all recordings what the surest one suggests, and once more on the paths that this gives.
 
-    What speed a drive is asked for, and its integral, follow from the torque by the drive's own gains: the
-    others' paths are sought anew with another drive.
+    What speed a drive is asked for, and its integral, follow from the torque by the drive's own gains: paths
+    are sought anew with another drive.
     """
-    model = search.setting.model(held)
-    starts, values = list(search.starts), np.repeat(row[None], len(search.starts), axis=0)
-    for r, trace in enumerate(search.traces):
-        if r != surest:
-            values[r, -1] = trace.speed
-        if held[-1].name == "soft_drive" and r != surest:
-            starts[r] = Start.of(search.retrace(r, model.machine(row)), model.held(row), LOOSENESS)
-            values[r, -1] = starts[r].trace.speed
-        else:
-            starts[r] = _begun(search, held[-1], model, values[r], r)
-    return search.grown(held, values, starts)
+    model, drive = search.setting.model(held), held[-1].name == _DRIVE
+    best: Attempt | None = None
+    for look in range(_LOOKS):
+
+        def begin(r: int, row: np.ndarray = row, again: bool = look > 0) -> Start:
+            if again or (drive and r != surest):
+                return _anew(search, model, row, r)
+            return _begun(search, held[-1], model, row, r)
+
+        with ThreadPoolExecutor(search.workers) as pool:
+            starts = list(pool.map(begin, range(len(search.starts))))
+        values = np.repeat(row[None], len(starts), axis=0)
+        for r, start in enumerate(starts):
+            if look or r != surest:
+                values[r, -1] = start.trace.speed
+        found = search.grown(held, values, starts, base=base)
+        if found is None or (best is not None and not found.misfit < best.misfit):
+            break
+        best, row = found, found.fit.values[surest].copy()
+        if _astray(row[0], search.profile.best):  # an effect that was wrong may have led it there
+            row[0] = search.profile.best
+        if explained(best) or best.misfit > HALFWAY * base.misfit:
+            break
+    return best
+
+
+def _astray(clearance: float, other: float) -> bool:
+    """Whether two clearances mean two paths."""
+    return abs(np.log(clearance / other)) > np.log(_ASTRAY)
 
 
 def _single(hypothesis: Hypothesis) -> bool:
     """Whether it has one size beside shapes: the simplest variant of its effect; a drive has two gains."""
-    return int((~hypothesis.shapes).sum()) == 1 or hypothesis.name == "soft_drive"
+    return _of_one_size(hypothesis) or hypothesis.name == _DRIVE
+
+
+def _of_one_size(hypothesis: Hypothesis) -> bool:
+    return int((~hypothesis.shapes).sum()) == 1
 
 
 def _judged_elsewhere(groups: Sequence[Sequence[Hypothesis]]) -> list[Sequence[Hypothesis]]:

@@ -37,7 +37,10 @@ _SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which
 _LOOKS = 2  # times that recordings are followed anew with better values
 NEARLY = 4.0  # misfit up to which a model is worth another look
 HALFWAY = 0.3  # of the base's misfit: a sensor's fault that reaches that is worth a path of its own
-_BETTER = 0.8  # of the base's misfit: a model beside its path that does not reach that is not it
+FAR = (
+    20.0  # misfit from which on a linear look beside the path tells little, and what is right leaves far less
+)
+_BETTER = 0.8  # of the base's misfit: a model that does not reach that beside its path, or with one recording
 _WORSE = 2.0  # of the best misfit so far: a model is given up that follows worse than that
 
 
@@ -68,20 +71,6 @@ def penalised(attempt: Attempt) -> float:
     samples = sum(p.samples for p in attempt.fit.passes)
     shared = attempt.model.shared
     return samples * attempt.misfit + shared * np.log(samples) * max(attempt.misfit, 1.0)
-
-
-class Prospects:
-    """What one look at all hypotheses suggests, most promising ones first.
-
-    Attributes:
-        likely: single hypotheses that promise a good part of what is missing.
-        unlikely: others, which promise much less than that.
-        pairs: of hypotheses.
-    """
-
-    likely: list[Hint]
-    unlikely: list[Hint]
-    pairs: list[Hint]
 
 
 class Search:
@@ -171,6 +160,7 @@ class Search:
         starts: Sequence[Start] | None = None,
         limit: float = np.inf,
         model: Model | None = None,
+        base: Attempt | None = None,
     ) -> Attempt | None:
         """Follow all recordings step by step with a model, and fit it to all of them.
 
@@ -180,22 +170,23 @@ class Search:
             starts: where the recordings are followed from; as the nominal machine is if ``None``.
             limit: misfit above which a model is given up on the way.
             model: of the hypotheses; with its usual unknowns if ``None``.
+            base: an attempt that the first recording must be followed clearly better with than it is.
         """
         model = self.setting.model(hypotheses) if model is None else model
-        grown = self._grown(self.starts if starts is None else starts, model, values, limit)
+        grown = self._grown(self.starts if starts is None else starts, model, values, limit, base)
         if grown is None:
             return None
         followers, rows, misfit = grown
         return refine(hypotheses, model, followers, rows, scale_of(misfit), 8, self.workers)
 
     def _grown(
-        self, starts: Sequence[Start], model: Model, values: np.ndarray, limit: float
+        self, starts: Sequence[Start], model: Model, values: np.ndarray, limit: float, base: Attempt | None
     ) -> tuple[list[Follower], np.ndarray, float] | None:
         """Followers, values and misfit: the surest recording first, the others with what it tells."""
         order = [int(r) for r in np.argsort([start.doubt for start in starts])]
         rows, shared = values.copy(), model.shared
         found = grow(starts[order[0]], model, rows[order[0]], limit)
-        if found is None:
+        if found is None or (base is not None and found[2] > enough(base, order[0])):
             return None
         grown = {order[0]: found}
         rows[:, :shared] = found[1][:shared]
@@ -245,15 +236,15 @@ class Search:
             values = found.fit.values
         starts, heard = self.starts, any(h.fault is not None for h in held)
         for look in range(_LOOKS):  # torn impacts are met better with the right values
-            other = self.grown(held, values, starts, limit)
+            other = self.grown(held, values, starts, limit, base=base)
             if other is None and found is None:  # what is missing may have led the clearance astray
                 values = values.copy()
                 values[:, 0] = self.clearance
                 continue
-            if found is None or (other is not None and other.misfit < found.misfit):
-                found = other
+            better = found is None or (other is not None and other.misfit < found.misfit)
+            found = other if better else found
             near = max(NEARLY, HALFWAY * base.misfit) if heard else NEARLY
-            if found is None or whole(found) or found.misfit > near or look == _LOOKS - 1:
+            if found is None or whole(found) or found.misfit > near or not better or look == _LOOKS - 1:
                 break
             values = found.fit.values
             if found.misfit > NEARLY:  # on a path of its own, its sensors' faults undone
@@ -316,6 +307,11 @@ class Search:
     def retrace(self, r: int, machine: SliderCrank, instrument: Instrument = NO_FAULT) -> Trace:
         """The path of a recording for another machine, or with faults of its sensors undone."""
         return Trace.of(self.recordings[r], self.alignments[r], machine, instrument)
+
+
+def enough(base: Attempt, r: int) -> float:
+    """Misfit of a recording that an effect beside ``base`` must reach to be fitted to all."""
+    return max((HALFWAY if base.misfit > FAR else _BETTER) * base.misfits[r], POOR)
 
 
 def beside(

@@ -121,8 +121,17 @@ class Settled:
 
         A few segments where an impact was put together wrongly say nothing about the model.
         """
-        each = np.concatenate([p.each[(p.used > 0.0).any(axis=(1, 2))] for p in self.passes])
-        return float(np.sort(each)[: max(1, round(_QUIET * len(each)))].mean() / _QUIET_MEAN)
+        return _level(self.passes)
+
+    @property
+    def levels(self) -> list[float]:
+        """The same for each recording."""
+        return [_level([one]) for one in self.passes]
+
+
+def _level(passes: Sequence[Comparison]) -> float:
+    each = np.concatenate([p.each[(p.used > 0.0).any(axis=(1, 2))] for p in passes])
+    return float(np.sort(each)[: max(1, round(_QUIET * len(each)))].mean() / _QUIET_MEAN)
 
 
 @dataclass

@@ -23,6 +23,8 @@ from clearance.diagnosis.missing_force import (
     as_function_of,
     effect_as_curves,
     free_form,
+    refined,
+    unnamed,
 )
 from clearance.diagnosis.screening import shapes
 from clearance.diagnosis.search import ANNEALING, LOOSENESS, Attempt, explained
@@ -104,8 +106,23 @@ def fit_curve(search: Search, explanation: Explanation, curves: Sequence[Curve])
         search.keep(
             explanation, [hypothesis], lambda h=hypothesis, v=values: search.grown([h], v)  # type: ignore[misc]
         )  # fmt: skip
+        if not explained(explanation.best):
+            _refine_table(search, explanation, curve)
         if explained(explanation.best):
             return
+
+
+def _refine_table(search: Search, explanation: Explanation, curve: Curve) -> None:
+    """Fit a table of twice as many knots where one leaves little, but not nothing: it may be too coarse."""
+    best = explanation.best
+    table = unnamed(best.hypotheses)
+    if table is None or best.misfit > _PART * explanation.nominal.misfit or best.scale > ANNEALING[3]:
+        return
+    rows = best.fit.values
+    fine = refined(replace(curve, forces=rows[0, 1:-1]))
+    values = np.array([[row[0], *fine.forces, row[-1]] for row in rows])
+    search.report(f"  with {len(fine.knots)} instead of {len(curve.knots)} knots")
+    search.refit(explanation, [free_form(fine, search.setting.joint)], best.followers, values, ANNEALING[3])
 
 
 def reshape(search: Search, explanation: Explanation) -> None:

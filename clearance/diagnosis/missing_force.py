@@ -262,6 +262,15 @@ def along(curve: Curve, values: np.ndarray) -> np.ndarray:
     return _hats(values, curve.knots, curve.argument == "crank_angle") @ curve.forces
 
 
+def refined(curve: Curve) -> Curve:
+    """The same curve with a knot between each two."""
+    repeats = curve.argument == "crank_angle"
+    count, spacing = len(curve.knots), curve.knots[1] - curve.knots[0]
+    knots = curve.knots[0] + 0.5 * spacing * np.arange(2 * count if repeats else 2 * count - 1)
+    forces = along(curve, knots)
+    return replace(curve, knots=knots, forces=forces, deviations=np.zeros(len(knots)))
+
+
 def effect_as_curves(
     passes: Sequence[Pass], sigmas: Sequence[np.ndarray], place: tuple[str, str], joint: str, segment: float
 ) -> list[Curve]:

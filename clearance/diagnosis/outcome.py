@@ -21,7 +21,7 @@ from clearance.diagnosis.mismatch import Innovations, innovations, interval, roo
 from clearance.diagnosis.search import ANNEALING, Attempt, explained, refine
 from clearance.diagnosis.significance import p_value
 from clearance.diagnosis.strategy import find_explanation
-from clearance.diagnosis.trace import Trace, aligned
+from clearance.diagnosis.trace import Trace, aligned, check_length
 from clearance.diagnosis.verdict import (
     clearance_of,
     effects_of,
@@ -90,6 +90,8 @@ def diagnose(
     Raises:
         InputError: a recording that no machine of this kind could have made.
     """
+    for one in (*recordings, *held_out):
+        check_length(one)
     started = time.monotonic()
 
     def say(message: str) -> None:

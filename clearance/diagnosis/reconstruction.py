@@ -146,6 +146,9 @@ def reconstruct(
     force = 0.0
     for j, joint in enumerate(joints):
         force = _write(nodes, felt, state, j, joint, gaps[j], stiffness[j])
+    if parameters[Parameter.GUIDE_STIFFNESS] > 0.0:
+        weight = parameters[Parameter.SLIDER_MASS] * (parameters[Parameter.GRAVITY_Y] + state[:, GRAVITY_Y])
+        _lay(nodes, parameters, weight - felt.force_c[:, 1], period)
     return Reconstruction(nodes, float(cost), force, asked)
 
 
@@ -248,6 +251,18 @@ def _write(
     nodes[:, [x + to_rate, y + to_rate]] = rate[::SAMPLES]
     nodes[:, State.MEMORY_B if joint == "B" else State.MEMORY_C] = memory[::SAMPLES]
     return typical
+
+
+def _lay(nodes: np.ndarray, p: np.ndarray, push: np.ndarray, period: float) -> None:
+    """Write the height of a slider that is loose in its guide: it lies where (samples,) forces [N] press."""
+    size = np.abs(push)
+    loaded = size > _LOADED * np.median(size)
+    depth = 0.5 * size / p[Parameter.GUIDE_STIFFNESS]  # of both ends of the shoe
+    lift = np.sign(push) * (p[Parameter.GUIDE_GAP] + depth)
+    time = np.arange(len(push))
+    lift = np.interp(time, time[loaded], lift[loaded])
+    nodes[:, State.SLIDER_Y] = p[Parameter.GUIDE_OFFSET] + lift[::SAMPLES]
+    nodes[:, State.SLIDER_Y_RATE] = np.gradient(lift, period)[::SAMPLES]
 
 
 @entry

@@ -77,7 +77,7 @@ def _columns(
 ) -> list[_Column]:
     """One column for each trial that has one size and does not change the mechanism's coordinates."""
     columns = []
-    for hypothesis in (h for group in groups for h in group):
+    for hypothesis in (h for group in groups for h in group if h is group[0] or h.shapes.any()):
         sizes = np.flatnonzero(~hypothesis.shapes)
         if len(sizes) != 1 or hypothesis.name in _NOT_LINEAR:
             continue

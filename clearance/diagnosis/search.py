@@ -52,6 +52,11 @@ class Attempt:
         return self.level * self.scale**2
 
     @property
+    def misfits(self) -> list[float]:
+        """The same for each recording."""
+        return [level * self.scale**2 for level in self.fit.levels]
+
+    @property
     def label(self) -> str:
         """The hypotheses' labels."""
         return " + ".join(h.label for h in self.hypotheses) or "nominal"

@@ -2,13 +2,19 @@
 
 from collections.abc import Callable
 
-from clearance.diagnosis.elsewhere import begin_dimensions, begin_elsewhere
-from clearance.diagnosis.explain import Explanation, Search, penalised
+from clearance.diagnosis.elsewhere import (
+    begin_dimensions,
+    begin_elsewhere,
+    begin_film,
+    begin_plausible,
+)
+from clearance.diagnosis.explain import NEARLY, Explanation, Search, penalised
 from clearance.diagnosis.free_search import fit_curve, name_curve, reshape, suggest_curve
 from clearance.diagnosis.geometry import suggest_channels
 from clearance.diagnosis.missing_force import Curve, unnamed
-from clearance.diagnosis.search import EXPLAINED, Attempt, explained
+from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.simplify import enlarge, prune
+from clearance.diagnosis.verdict import suspicious
 from clearance.diagnosis.widen import deafen, look, scrutinise, settled, widen
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
@@ -24,10 +30,11 @@ def find_explanation(
 
     Single effects come first that promise much of what is missing; then dimensions and faulty sensors that
     the motion alone points at; then effects and faults that promise a good part. Beside one that explains a
-    good part, the next one. Then forces of free form on the slider, or with which one recording is explained;
-    effects that no linear look can judge; what promised little; pairs of which neither shows without the
-    other; other tables. A table is put to the test against names. What explains is looked beside for what is
-    small, and pruned.
+    good part, the next one. Then effects that promised little, since beside a path that is far from right
+    none promises much; forces of free form on the slider, or with which one recording is nearly explained;
+    effects that no linear look can judge; faults that promised little; pairs of which neither shows without
+    the other; other tables. A table is put to the test against names. What explains is looked beside for what
+    is small, and pruned.
 
     Args:
         search: after its nominal stage.
@@ -40,6 +47,9 @@ def find_explanation(
     if explained(explanation.best) and explanation.best.misfit > _ROOM and not search.late():
         enlarge(search, explanation)
     scrutinise(search, explanation, most)
+    unsettled = explanation.best is explanation.nominal and explained(explanation.nominal)
+    if unsettled and suspicious(explanation) and not search.late():
+        begin_elsewhere(search, explanation, explanation.nominal)
     prune(search, explanation)
 
 
@@ -57,6 +67,8 @@ def _search_all(
     def motion() -> None:
         channels = suggest_channels(search)[:_FAULTS]
         begin_dimensions(search, explanation, channels)
+        if not settled(search, explanation, nominal):
+            begin_film(search, explanation)
         for channel in channels:
             if not settled(search, explanation, nominal):
                 deafen(search, explanation, nominal, channel)
@@ -65,7 +77,13 @@ def _search_all(
         widen(search, explanation, nominal, prospects.likely)
 
     def unlikely() -> None:
-        widen(search, explanation, nominal, prospects.unlikely)
+        widen(search, explanation, nominal, [h for h in prospects.unlikely if h.hypotheses[0].fault is None])
+        if not (built_on or settled(search, explanation, nominal)):
+            begin_plausible(search, explanation, nominal)
+
+    def unlikely_faults() -> None:
+        faults = [h for h in prospects.unlikely if h.hypotheses[0].fault is not None]
+        widen(search, explanation, nominal, faults)
 
     def build_on() -> None:
         before, base = nominal, explanation.best
@@ -87,7 +105,7 @@ def _search_all(
         found, misfit = suggest_curve(search, nominal)
         if found:
             explanation.suspected = (found[0].body, found[0].direction)
-        if misfit < EXPLAINED or (found and found[0].body == "slider"):
+        if misfit < NEARLY or (found and found[0].body == "slider"):
             fit_curve(search, explanation, found)
         else:
             waiting.extend(found)
@@ -105,8 +123,8 @@ def _search_all(
         fit_curve(search, explanation, waiting)
 
     steps = (
-        plain, motion, build_on, likely, build_on, curve, elsewhere, build_on, unlikely, build_on, pair,
-        build_on, other_curve,
+        plain, motion, build_on, likely, build_on, unlikely, build_on, curve, elsewhere, build_on,
+        unlikely_faults, build_on, pair, build_on, other_curve,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):

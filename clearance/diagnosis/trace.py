@@ -147,18 +147,7 @@ class Trace:
     def of(
         measured: Measured, alignment: Alignment, machine: SliderCrank, instrument: Instrument = NO_FAULT
     ) -> "Trace":
-        """Reconstruct the whole recording with a machine's clearances and masses, faults of sensors undone.
-
-        Raises:
-            InputError: too short a recording.
-        """
-        needed = _SHORTEST + 2 * _SKIPPED
-        if len(measured.values) < needed:
-            raise InputError(
-                f"{measured.name}: {measured.seconds:.2f} s are too short to follow; give "
-                f"{3 * needed * measured.segment:.1f} s or more, of which a third is held out, or name "
-                "held_out recordings"
-            )
+        """Reconstruct a whole recording with a machine's clearances and masses, faults of sensors undone."""
         p = machine.parameters()
         path = reconstruct(measured.undone(instrument), p, loose(machine), alignment.speed, alignment.angle)
         arms = (
@@ -197,6 +186,21 @@ class Trace:
         follower.path.nodes[:] = self.path.nodes[first:last]
         follower.path.nodes[:, State.TIME] = self.measured.segment * np.arange(last - first)
         return follower
+
+
+def check_length(measured: Measured) -> None:
+    """Refuse a recording that is too short to follow.
+
+    Raises:
+        InputError: it is.
+    """
+    needed = _SHORTEST + 2 * _SKIPPED
+    if len(measured.values) < needed:
+        raise InputError(
+            f"{measured.name}: {measured.seconds:.2f} s are too short to follow; give "
+            f"{3 * needed * measured.segment:.1f} s or more, of which a third is held out, or name "
+            "held_out recordings"
+        )
 
 
 def aligned(measured: Measured, machine: SliderCrank, speed_range: tuple[float, float]) -> Alignment:

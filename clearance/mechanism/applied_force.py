@@ -150,7 +150,7 @@ class TabulatedForce(Law):
         argument: an ``Argument``, in small letters.
         start: argument at the first knot, in SI units.
         spacing: argument from knot to knot; ``None`` for crank_angle.
-        values: force at up to 16 knots [N or N m].
+        values: force at up to 24 knots [N or N m].
     """
 
     body: str = "slider"

@@ -127,9 +127,17 @@ class Parameter(IntEnum):
     TABLE_VALUE_13 = auto()
     TABLE_VALUE_14 = auto()
     TABLE_VALUE_15 = auto()
+    TABLE_VALUE_16 = auto()
+    TABLE_VALUE_17 = auto()
+    TABLE_VALUE_18 = auto()
+    TABLE_VALUE_19 = auto()
+    TABLE_VALUE_20 = auto()
+    TABLE_VALUE_21 = auto()
+    TABLE_VALUE_22 = auto()
+    TABLE_VALUE_23 = auto()
 
 
-TABLE_KNOTS = 16  # values of a tabulated force
+TABLE_KNOTS = 24  # values of a tabulated force
 JOINT_STRIDE = 11  # entries a joint
 PARAMETERS = max(Parameter) + 1
 

@@ -123,6 +123,7 @@ def recordings(tmp_path_factory):
     whole = record(machine, 5)
     write(whole, folder / "a.parquet")
     write(replace(whole, values=whole.values[:600]), folder / "short.parquet")
+    write(replace(whole, values=whole.values[:1500]), folder / "short_of_a_third.parquet")
     write(replace(whole, values=whole.values[::2], rate=5e3), folder / "slow.parquet")
     write(whole.select(["crank_b_axial"]), folder / "crank.parquet")
     return folder
@@ -153,9 +154,11 @@ def test_wrong_inputs_are_one_line(recordings, wrong, words):
     assert len(done.stderr.strip().splitlines()) == 1
 
 
-def test_a_recording_that_is_too_short_is_said_to_be(recordings):
-    done = launch("diagnose", "recordings=short.parquet", folder=recordings)
+@pytest.mark.parametrize("name", ["short", "short_of_a_third"])
+def test_a_recording_that_is_too_short_is_said_to_be_before_anything_is_done(recordings, name):
+    done = launch("diagnose", f"recordings={name}.parquet", folder=recordings)
     assert done.returncode == 2
+    assert "rpm" not in done.stdout + done.stderr
     assert "s are too short to follow" in done.stderr
     assert "give 0.2 s or more" in done.stderr
 

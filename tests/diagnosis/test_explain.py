@@ -7,17 +7,21 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.effect import load_effects
+from clearance.diagnosis.elsewhere import begin_film, begin_plausible
+from clearance.diagnosis.explain import FAR
 from clearance.diagnosis.free_search import fit_curve, suggest_curve
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
-from clearance.diagnosis.missing_force import FREE_FORM, as_function_of
+from clearance.diagnosis.missing_force import FREE_FORM, Curve, along, as_function_of, refined
 from clearance.diagnosis.screening import Hint
 from clearance.diagnosis.search import explained
 from clearance.diagnosis.verdict import estimates
 from clearance.diagnosis.widen import _begun, scrutinise
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import SpeedControl
+from clearance.mechanism.film import SqueezeFilm
+from clearance.mechanism.guide import StribeckGuide
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.chain import MeasurementChain
@@ -36,7 +40,11 @@ SPEEDS = (50.0, 150.0)
 def recorded(clearance, **laws):
     """A short recording of a machine with clearance in joint C that has these laws beside."""
     joint = Joint(clearance, **({"contact": laws.pop("contact")} if "contact" in laws else {}))
-    machine = replace(SETTING.machine, joint_c=joint, drive=SpeedControl(RPM, ramp=0.05), **laws)
+    return measured(replace(SETTING.machine, joint_c=joint, drive=SpeedControl(RPM, ramp=0.05), **laws))
+
+
+def measured(machine):
+    """A short recording of a machine."""
     channels = tuple(ACCELERATIONS)
     signals = [int(Signal[name.upper()]) for name in channels]
     found = simulate_trajectory(machine, Integrator("runge_kutta_4", 5e-6, 5), SETTLED + SECONDS + 0.02, 2)
@@ -53,6 +61,15 @@ def search(clearance, names, **laws):
     found, explanation, _ = locate_joint(
         [recorded(clearance, **laws)], [SETTING], effects, SPEEDS, 1, lambda _: None
     )
+    return found, explanation
+
+
+@cache
+def cushioned(clearance, **joint):
+    """The same for a machine whose joint C has these laws."""
+    made = replace(SETTING.machine, joint_c=Joint(clearance, **joint), drive=SpeedControl(RPM, ramp=0.05))
+    effects = load_effects(["joint_lubrication"], [])
+    found, explanation, _ = locate_joint([measured(made)], [SETTING], effects, SPEEDS, 1, lambda _: None)
     return found, explanation
 
 
@@ -125,3 +142,50 @@ def test_a_force_is_written_as_a_function_of_what_it_depends_on():
     assert left < 0.01
     assert forces[0] > forces[1] > forces[2], "it goes on straight beyond the path"
     assert as_function_of(drag, position, np.linspace(-0.05, 0.05, 12), "slider_position")[1] > 0.9
+
+
+@pytest.mark.slow
+def test_a_film_is_found_where_it_makes_the_gap_look_small():
+    found, explanation = cushioned(7e-4, film=SqueezeFilm(damping=1.0))
+    assert explanation.nominal.fit.values[0, 0] < 0.7 * found.profile.best
+    begin_film(found, explanation)
+    assert explained(explanation.best)
+    clearance, damping, _ = explanation.best.fit.values[0]
+    assert clearance == pytest.approx(7e-4, rel=0.01)
+    assert damping == pytest.approx(1.0, rel=0.05)
+
+
+def test_a_film_is_not_tried_where_the_motion_agrees():
+    found, explanation = search(3e-4, ("joint_lubrication",))
+    begin_film(found, explanation)
+    assert explanation.attempts == []
+
+
+def test_what_promises_little_beside_a_bad_path_is_tried_from_a_plausible_size():
+    names, friction = ("guide_friction", "restitution"), StribeckGuide(coulomb_force=6.0)
+    found, explanation = search(5e-4, names, guide_friction=friction)
+    assert explanation.nominal.misfit > FAR
+    begin_plausible(found, explanation, explanation.nominal)
+    assert explanation.best.label == "guide_friction(coulomb_force)"
+    assert explanation.best.fit.values[0, 1] == pytest.approx(6.0, rel=0.01)
+
+
+def test_nothing_is_tried_at_random_beside_a_good_path():
+    found, explanation = search(3e-4, ("joint_lubrication",))
+    begin_plausible(found, explanation, explanation.nominal)
+    assert explanation.attempts == []
+
+
+@pytest.mark.parametrize("argument", ["crank_angle", "slider_velocity"])
+def test_a_table_with_more_knots_is_the_same_curve(argument):
+    low, high = (0.0, 2.0 * np.pi) if argument == "crank_angle" else (-2.0, 3.0)
+    knots = np.linspace(low, high, 12, endpoint=argument != "crank_angle")
+    curve = Curve("slider", "x", argument, knots, np.sin(knots) + knots % 2.0, np.ones(12), 1.0, 1.0)
+    fine, places = refined(curve), np.random.default_rng(1).uniform(low, high, 200)
+    assert len(fine.knots) > 20
+    np.testing.assert_allclose(along(fine, places), along(curve, places), atol=1e-12)
+
+
+def test_each_recording_has_a_misfit_of_its_own():
+    _, explanation = search(3e-4, ("joint_lubrication",))
+    assert explanation.nominal.misfits == [explanation.nominal.misfit]

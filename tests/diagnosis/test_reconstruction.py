@@ -11,7 +11,7 @@ from clearance.diagnosis.reconstruction import reconstruct
 from clearance.diagnosis.rigid_motion import feel
 from clearance.diagnosis.trace import Alignment, profile
 from clearance.mechanism.drive import SpeedControl
-from clearance.mechanism.guide import StribeckGuide
+from clearance.mechanism.guide import LooseGuide, StribeckGuide
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.chain import MeasurementChain
@@ -138,3 +138,17 @@ def test_the_motion_agrees_best_with_the_true_clearance(clearance, laws):
     measured, states = recorded(machine("C", clearance, **laws))
     found = profile([measured], [aligned(states)], lambda c: machine("C", c), 2)
     assert found.best == pytest.approx(clearance, rel=0.1)
+
+
+@pytest.mark.parametrize("gap", [1e-5, 2e-5])
+def test_a_slider_that_is_loose_in_its_guide_lies_where_it_is_pressed(gap):
+    made = machine("C", 2e-4, guide=LooseGuide(gap=gap), guide_offset=1e-3)
+    measured, states = recorded(made)
+    known = aligned(states)
+    nodes = reconstruct(measured, made.parameters(), ("C",), known.speed, known.angle).nodes
+    found = nodes[:, State.SLIDER_Y]
+    lift, true = found - 1e-3, states[::SAMPLES, State.SLIDER_Y][: len(found)] - 1e-3
+    pressed = np.abs(true) > gap
+    assert pressed.mean() > 0.25
+    assert (np.sign(lift) == np.sign(true))[pressed].mean() > 0.9
+    assert np.median(np.abs(lift - true)[pressed]) < 2e-6
