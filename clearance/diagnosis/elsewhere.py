@@ -152,8 +152,9 @@ def _begun(search: Search, hypothesis: Hypothesis, model: Model, row: np.ndarray
 
 
 def _anew(search: Search, model: Model, row: np.ndarray, r: int) -> Start:
+    """Where a recording can be followed from, at its own speed, with what another one may have told."""
     trace = search.retrace(r, model.machine(row), model.instrument(row))
-    return Start.of(trace, model.held(row), LOOSENESS)
+    return Start.of(trace, model.held(np.append(row[:-1], trace.speed)), LOOSENESS)
 
 
 def _everywhere(
