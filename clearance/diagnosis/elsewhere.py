@@ -22,6 +22,7 @@ _ASTRAY = 1.3  # times larger or smaller than another one: a clearance that mean
 _ELSEWHERE = ("soft_drive", "second_clearance", "rod_flexibility", "flexible_base", "guide_clearance")
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
 _FILM, _DRIVE = "joint_lubrication", "soft_drive"
+_EDGED = "process_load"  # at one place of many: a size alone says nothing
 
 
 def begin_elsewhere(search: Search, explanation: Explanation, base: Attempt) -> None:
@@ -43,13 +44,12 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
     if base.misfit < FAR:
         return
     known = {attempt.label for attempt in explanation.attempts}
-    apart = ("process_load",)  # its edges
     groups = [
         [group[0]]
         for group in search.others(base)
         if _of_one_size(group[0])
         and group[0].fault is None
-        and group[0].name not in (*_ELSEWHERE, *GEOMETRIC, *apart)
+        and group[0].name not in (*_ELSEWHERE, *GEOMETRIC, _EDGED)
         and group[0].label not in known
     ]
     drives = [group for group in _judged_elsewhere(search.others(base)) if group[0].name == _DRIVE]
@@ -145,8 +145,7 @@ def begin_dimensions(search: Search, explanation: Explanation, channels: Sequenc
 def _begun(search: Search, hypothesis: Hypothesis, model: Model, row: np.ndarray, r: int) -> Start:
     """Where a recording can be followed from: anew where a hypothesis makes it another path."""
     structural = hypothesis.structural(search.setting.with_clearance(3e-4))
-    moves = structural or hypothesis.name in GEOMETRIC or hypothesis.fault is not None
-    if not moves and not _astray(row[0], search.clearance):
+    if not (structural or _misleads(hypothesis) or _astray(row[0], search.clearance)):
         return search.starts[r]
     return _anew(search, model, row, r)
 
@@ -160,7 +159,7 @@ def _anew(search: Search, model: Model, row: np.ndarray, r: int) -> Start:
 def _everywhere(
     search: Search, held: Sequence[Hypothesis], row: np.ndarray, surest: int, base: Attempt
 ) -> Attempt | None:
-    """Fit to all recordings what the surest one suggests, and once more on the paths that this gives.
+    """Fit to all recordings what the surest one suggests, again on the paths that this gives while it helps.
 
     What speed a drive is asked for, and its integral, follow from the torque by the drive's own gains: paths
     are sought anew with another drive.
@@ -184,11 +183,17 @@ def _everywhere(
         if found is None or (best is not None and not found.misfit < best.misfit):
             break
         best, row = found, found.fit.values[surest].copy()
-        if _astray(row[0], search.profile.best):  # an effect that was wrong may have led it there
+        # a wrong size may have led the clearance astray; the motion knows it, unless it is misled, too
+        if not _misleads(held[-1]) and _astray(row[0], search.profile.best):
             row[0] = search.profile.best
         if explained(best) or best.misfit > HALFWAY * base.misfit:
             break
     return best
+
+
+def _misleads(hypothesis: Hypothesis) -> bool:
+    """Whether the motion itself is taken for another one without it: it moves links or alters a sensor."""
+    return hypothesis.name in GEOMETRIC or hypothesis.fault is not None
 
 
 def _astray(clearance: float, other: float) -> bool:

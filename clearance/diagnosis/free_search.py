@@ -24,7 +24,6 @@ from clearance.diagnosis.missing_force import (
     effect_as_curves,
     free_form,
     refined,
-    unnamed,
 )
 from clearance.diagnosis.screening import shapes
 from clearance.diagnosis.search import ANNEALING, LOOSENESS, Attempt, explained
@@ -103,26 +102,24 @@ def fit_curve(search: Search, explanation: Explanation, curves: Sequence[Curve])
         hypothesis = free_form(curve, search.setting.joint)
         first = explanation.nominal.fit.values[0, 0]
         values = np.array([[first, *curve.forces, trace.speed] for trace in search.traces])
-        search.keep(
+        found = search.keep(
             explanation, [hypothesis], lambda h=hypothesis, v=values: search.grown([h], v)  # type: ignore[misc]
         )  # fmt: skip
-        if not explained(explanation.best):
-            _refine_table(search, explanation, curve)
+        if found is not None and not explained(found):
+            _refine_table(search, explanation, curve, found)
         if explained(explanation.best):
             return
 
 
-def _refine_table(search: Search, explanation: Explanation, curve: Curve) -> None:
-    """Fit a table of twice as many knots where one leaves little, but not nothing: it may be too coarse."""
-    best = explanation.best
-    table = unnamed(best.hypotheses)
-    if table is None or best.misfit > _PART * explanation.nominal.misfit or best.scale > ANNEALING[3]:
+def _refine_table(search: Search, explanation: Explanation, curve: Curve, coarse: Attempt) -> None:
+    """Fit a curve with a knot between each two where its table leaves little: it may be too coarse."""
+    if coarse.misfit > _PART * explanation.nominal.misfit or coarse.scale > ANNEALING[3]:
         return
-    rows = best.fit.values
+    rows = coarse.fit.values
     fine = refined(replace(curve, forces=rows[0, 1:-1]))
     values = np.array([[row[0], *fine.forces, row[-1]] for row in rows])
     search.report(f"  with {len(fine.knots)} instead of {len(curve.knots)} knots")
-    search.refit(explanation, [free_form(fine, search.setting.joint)], best.followers, values, ANNEALING[3])
+    search.refit(explanation, [free_form(fine, search.setting.joint)], coarse.followers, values, ANNEALING[3])
 
 
 def reshape(search: Search, explanation: Explanation) -> None:

@@ -75,7 +75,7 @@ class _Column:
 def _columns(
     groups: Sequence[Sequence[Hypothesis]], machine: SliderCrank, instrument: Instrument
 ) -> list[_Column]:
-    """One column for each trial that has one size and does not change the mechanism's coordinates."""
+    """One column for each trial of another shape, of those with one size that add no coordinates."""
     columns = []
     for hypothesis in (h for group in groups for h in group if h is group[0] or h.shapes.any()):
         sizes = np.flatnonzero(~hypothesis.shapes)

@@ -34,7 +34,8 @@ def find_explanation(
     none promises much; forces of free form on the slider, or with which one recording is nearly explained;
     effects that no linear look can judge; faults that promised little; pairs of which neither shows without
     the other; other tables. A table is put to the test against names. What explains is looked beside for what
-    is small, and pruned.
+    is small; where nothing takes away what is too much for a machine with nothing missing, effects that no
+    linear look can judge are tried. What is not needed is pruned.
 
     Args:
         search: after its nominal stage.

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -184,6 +185,32 @@ def test_a_table_with_more_knots_is_the_same_curve(argument):
     fine, places = refined(curve), np.random.default_rng(1).uniform(low, high, 200)
     assert len(fine.knots) > 20
     np.testing.assert_allclose(along(fine, places), along(curve, places), atol=1e-12)
+
+
+def test_each_table_is_refined_from_its_own_forces():
+    """The second of two curves, after the first was given more knots than it has itself."""
+    knots = np.linspace(0.0, 1.0, 12)
+    two = [Curve("slider", "x", "time", knots, k * (1.0 + knots), np.ones(12), 1.0, 1.0) for k in (1.0, 2.0)]
+    refitted = []
+
+    def keep(explanation, held, make):
+        row = [1e-4, *held[0].start, RPM]
+        found = SimpleNamespace(fit=SimpleNamespace(values=np.array([row])), followers=[])
+        return SimpleNamespace(**vars(found), misfit=5.0, scale=1.0, level=5.0)
+
+    def refit(explanation, held, followers, values, scale):
+        refitted.append(values[0, 1:-1])
+        explanation.best = SimpleNamespace(hypotheses=held, scale=1.0, level=3.0)
+
+    stub = SimpleNamespace(
+        setting=SETTING, traces=[SimpleNamespace(speed=RPM)], report=lambda _: None, keep=keep, refit=refit
+    )
+    nominal = SimpleNamespace(
+        misfit=100.0, scale=10.0, level=1.0, fit=SimpleNamespace(values=np.ones((1, 2)))
+    )
+    fit_curve(stub, SimpleNamespace(nominal=nominal, best=nominal), two)
+    for k, forces in zip((1.0, 2.0), refitted, strict=True):
+        np.testing.assert_allclose(forces, k * np.linspace(1.0, 2.0, 23))
 
 
 def test_each_recording_has_a_misfit_of_its_own():
