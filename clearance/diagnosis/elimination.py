@@ -263,3 +263,20 @@ def substitute(kept: np.ndarray, parameters: np.ndarray, solution: np.ndarray) -
                 value -= kept[k, i, j] * ahead[j]
             ahead[i] = value / kept[k, i, i]
             solution[k, i] = ahead[i]
+
+
+def draw(kept: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """(segments, nv) deviation of all unknowns from the solution, as likely as what is known says.
+
+    The triangle R of what is kept is a square root of the information: with e standard normal, R^-1 e has
+    its covariance (Rue & Held 2005, Gaussian Markov Random Fields, sec. 2.3). Parameters stay as they are.
+
+    Args:
+        kept: see ``eliminate``.
+        random: generator.
+    """
+    segments, nv, total = kept.shape
+    rows, deviation = kept.copy(), np.zeros((segments, nv))
+    rows[:, :, -1] = random.normal(size=(segments, nv))
+    substitute(rows, np.zeros(total - 3 * nv - 1), deviation)
+    return deviation

@@ -34,6 +34,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 _GLANCES, _GLANCE = 3, 40  # glances at the clearance, and segments of each
 _FACTORS = (1.0, 0.95, 1.05)  # on it, tried one after another
 _SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on looks tell little
+_PATIENCE = 40  # times that a path is looked for in vain at the beginning
 _LOOKS = 2  # times that recordings are followed anew with better values
 NEARLY = 4.0  # misfit up to which a model is worth another look
 HALFWAY = 0.3  # of the base's misfit: a sensor's fault that reaches that is worth a path of its own
@@ -126,6 +127,9 @@ class Search:
                 break
             self._retrace_all(clearance)
         values[:, 0] = self.clearance
+        if min(start.doubt for start in self.starts) < FOLLOWED:
+            # the machine is right, or nearly: others that are lost are worth patience
+            self.starts = self.finished.starts(self.traces, lambda: self.sought(model, values))
         found = self.finished.attempt((), model, lambda: self.grown((), values), self.workers)
         assert found is not None
         self.report(f"nominal: misfit {found.misfit:.3g}, clearance {found.fit.values[0, 0] * 1e3:.4f} mm")
@@ -152,6 +156,17 @@ class Search:
 
         with ThreadPoolExecutor(self.workers) as pool:
             return list(pool.map(one, range(len(traces))))
+
+    def sought(self, model: Model, values: np.ndarray) -> list[Start]:
+        """The same, looked for with patience where a recording is not followed yet."""
+
+        def one(r: int) -> Start:
+            if self.starts[r].doubt < FOLLOWED:
+                return self.starts[r]
+            return Start.of(self.traces[r], model.held(values[r]), LOOSENESS, _PATIENCE)
+
+        with ThreadPoolExecutor(self.workers) as pool:
+            return list(pool.map(one, range(len(self.starts))))
 
     def grown(
         self,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from clearance.diagnosis.chart import Chart
-from clearance.diagnosis.elimination import eliminate, substitute
+from clearance.diagnosis.elimination import draw, eliminate, substitute
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT, REACH, SAMPLES, Measured
 from clearance.errors import InputError
@@ -140,6 +140,10 @@ class Pass(Comparison):
         shape = self.residual.shape
         self.innovation, self.spread = innovation.reshape(shape), spread.reshape(shape)
         return self
+
+    def draw(self, random: np.random.Generator) -> np.ndarray:
+        """(segments, nz + inputs) deviation from the solution, drawn from what is known of the states."""
+        return draw(self.kept, random)
 
     def change(self, parameters: np.ndarray) -> np.ndarray:
         """(segments, nz + inputs) solution for a change of the parameters."""
@@ -331,6 +335,12 @@ class Follower:
         """(STATES,) where a machine is at the end of a segment that begins at its node."""
         return self._coast(machine, place, place + 1)[0][0]
 
+    def arrivals(self, machine: SliderCrank, place: int, nodes: np.ndarray) -> np.ndarray:
+        """(nodes, STATES) where a machine is at the end of a segment that begins at one of these nodes."""
+        inputs = np.repeat(self.path.inputs[place][None], len(nodes), axis=0)
+        signals = np.zeros((len(nodes), self.periods, SIGNALS))
+        return self._run(machine, nodes, inputs, signals)[0]
+
     def move(self, change: np.ndarray, chart: Chart, first: int = 0) -> None:
         """Apply a change (segments, nz + inputs) of the unknowns."""
         nz = len(chart.rows)
@@ -413,16 +423,23 @@ class Follower:
 
     def _coast(self, machine: SliderCrank, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         """Ends (segments, STATES) and contacts (segments, samples, 4) of the present path's segments."""
+        return self._run(
+            machine, self.path.nodes[first:last], self.path.inputs[first:last], self.signals[first:last]
+        )
+
+    def _run(
+        self, machine: SliderCrank, nodes: np.ndarray, inputs: np.ndarray, signals: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Ends and contacts of segments from these nodes; fills their ``signals``."""
         codes, p = _joint_codes([machine]), aligned(len(machine.parameters()))
         p[:] = machine.parameters()[:, None]
-        ends, contacts = np.zeros((last - first, STATES)), np.zeros((last - first, SAMPLES, 4))
+        ends, contacts = np.zeros((len(nodes), STATES)), np.zeros((len(nodes), SAMPLES, 4))
         period = 1.0 / self.measured.chain.base_rate
         substeps = self.integrator.substeps(period)
         coast(
-            codes, p, self.path.nodes[first:last], np.array(INPUTS, dtype=np.int64),
-            self.path.inputs[first:last], self.integrator.code, period / substeps, substeps,
-            self.integrator.contact_refinement, self.periods // SAMPLES, aligned(WORK_ROWS), ends,
-            self.signals[first:last], contacts,
+            codes, p, nodes, np.array(INPUTS, dtype=np.int64), inputs, self.integrator.code,
+            period / substeps, substeps, self.integrator.contact_refinement, self.periods // SAMPLES,
+            aligned(WORK_ROWS), ends, signals, contacts,
         )  # fmt: skip
         return ends, contacts
 

@@ -99,6 +99,8 @@ def suggest_curve(search: Search, base: Attempt) -> tuple[list[Curve], float]:
 def fit_curve(search: Search, explanation: Explanation, curves: Sequence[Curve]) -> None:
     """Fit the tables of the first suggested curves to all recordings, until one explains them."""
     for curve in curves[:_FITTED]:
+        if search.late():
+            return
         hypothesis = free_form(curve, search.setting.joint)
         first = explanation.nominal.fit.values[0, 0]
         values = np.array([[first, *curve.forces, trace.speed] for trace in search.traces])
@@ -113,7 +115,7 @@ def fit_curve(search: Search, explanation: Explanation, curves: Sequence[Curve])
 
 def _refine_table(search: Search, explanation: Explanation, curve: Curve, coarse: Attempt) -> None:
     """Fit a curve with a knot between each two where its table leaves little: it may be too coarse."""
-    if coarse.misfit > _PART * explanation.nominal.misfit or coarse.scale > ANNEALING[3]:
+    if coarse.misfit > _PART * explanation.nominal.misfit or coarse.scale > ANNEALING[3] or search.late():
         return
     rows = coarse.fit.values
     fine = refined(replace(curve, forces=rows[0, 1:-1]))
@@ -159,6 +161,8 @@ def name_curve(search: Search, explanation: Explanation) -> None:
     base = Attempt((), model, nominal, ANNEALING[2], nominal.level, own)
     prospects = look(search, explanation, base)
     for hint in [*prospects.plain, *prospects.likely][:_NAMED]:
+        if search.late():
+            return
         held, begun = beside(base, hint.hypotheses, hint.values)
         search.refit(explanation, held, own, begun, ANNEALING[2])
 

@@ -27,6 +27,8 @@ _BEFORE, _AFTER = 2, 3  # segments around them that are followed first
 _FIRST_FIT = 8  # steps before the parameters are fitted; then whenever their number has doubled
 _SETTLING = 48  # steps from which on each recording's own unknowns are fitted as well
 _JUDGED = 32  # steps before a model may be given up
+_HOPES = 4  # times that a lost path is looked for in vain between two fits
+_TORN = 3.0  # cost a sample of a segment that is not followed
 _NOTHING = np.zeros((1, 0))
 
 
@@ -47,13 +49,14 @@ class Start:
     doubt: float
 
     @staticmethod
-    def of(trace: Trace, model: Model, looseness: float) -> "Start":
+    def of(trace: Trace, model: Model, looseness: float, patience: int = 0) -> "Start":
         """Smooth the path with unknown forces and see where that succeeds best.
 
         Args:
             trace: of the recording.
             model: without unknowns.
             looseness: unknown forces over the joint's typical one.
+            patience: times that the path is looked for in vain where no island is followed from.
         """
         follower = trace.follower(looseness)
         for scale in (ANNEALING[0], ANNEALING[2]):
@@ -64,16 +67,21 @@ class Start:
         for i in range(_EDGES, last):
             worst[i] = each[i : i + _ISLAND].max()
         surest = int(np.argmin(worst))
-        best: Start | None = None
+        tried: list[Start] = []
         for _ in range(_CANDIDATES):
             island = int(np.argmin(worst))
             if not np.isfinite(worst[island]):
                 break
             worst[max(island - _ISLAND, 0) : island + _ISLAND] = np.inf
-            start = _locked(trace, follower, model, island)
-            best = start if best is None or start.doubt < best.doubt else best
-            if best.doubt < FOLLOWED:
+            tried.append(_locked(trace, follower, model, island, 0)[0])
+            if tried[-1].doubt < FOLLOWED:
                 break
+        for start in sorted(tried, key=lambda start: start.doubt):
+            if patience <= 0 or min(one.doubt for one in tried) < FOLLOWED:
+                break
+            other, patience = _locked(trace, follower, model, start.island, patience)
+            tried.append(other)
+        best = min(tried, key=lambda start: start.doubt, default=None)
         if best is None or best.doubt > _LOST:  # physics is missing: better the path with unknown forces
             return Start(trace, follower, surest, np.inf if best is None else best.doubt)
         return best
@@ -109,10 +117,10 @@ def grow(
     first = start.island - _BEFORE
     end = min(first + (most or start.trace.length), follower.segments)
     rows = values[None].copy()
-    found, steps, due = None, 0, _FIRST_FIT
+    found, steps, due, hopes = None, 0, _FIRST_FIT, 0
     segment = start.island + _ISLAND + _AFTER - AHEAD
     while segment < end:
-        advance(follower, held, segment, end)
+        hopes -= not advance(follower, held, segment, end, _TORN if hopes else np.inf)
         segment += 1
         steps += 1
         if steps < due and (segment < end or found is not None):
@@ -125,6 +133,8 @@ def grow(
         )
         rows[:, kept] = found.values
         held = model.held(rows[0])
+        # a path is looked for where a model that is right so far loses it, not where physics is missing
+        hopes = _HOPES if found.level * scale**2 < FOLLOWED else 0
         if steps >= _JUDGED and found.level * scale**2 > limit:
             return None
     assert found is not None
@@ -142,18 +152,21 @@ def _landed(follower: Follower, model: Model, island: int) -> Follower:
     return own
 
 
-def _locked(trace: Trace, follower: Follower, model: Model, island: int) -> Start:
-    """Where a path from an island has come to follow: it does so within some steps even from a wrong one."""
+def _locked(trace: Trace, follower: Follower, model: Model, island: int, patience: int) -> tuple[Start, int]:
+    """Where a path from an island has come to follow, and what is left of the patience.
+
+    It does so within some steps even from a wrong one, or is looked for.
+    """
     own = _landed(follower, model, island)
     first = island + _ISLAND + _AFTER - AHEAD
     for segment in range(first, min(first + _PROBED, own.segments - AHEAD)):
-        advance(own, model, segment, own.segments)
+        patience -= not advance(own, model, segment, own.segments, _TORN if patience > 0 else np.inf)
     last = min(first + _PROBED + AHEAD, own.segments)
     found = settle([own], model, _NOTHING, 0, first=island - _BEFORE, last=last)
     each = found.passes[0].each[: -AHEAD - 1]
     worst = [each[i : i + _ISLAND].max() for i in range(_BEFORE, len(each) - _ISLAND + 1)]
     own.input_sigma = follower.input_sigma
-    return Start(trace, own, island + int(np.argmin(worst)), float(min(worst)))
+    return Start(trace, own, island + int(np.argmin(worst)), float(min(worst))), patience
 
 
 def _fitted(

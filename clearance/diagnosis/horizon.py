@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from clearance.diagnosis.fit import Model, settle
-from clearance.diagnosis.follow import Follower
+from clearance.diagnosis.follow import EDGE, Follower
+from clearance.diagnosis.particles import rejoin
 
 AHEAD = 2  # segments that are predicted beyond a new one
 _HORIZON = 6  # segments that are corrected with a new one
@@ -19,7 +20,7 @@ _KNOWN = 1e-3  # factor on the doubt of a node that stays where it is
 _NOTHING = np.zeros((1, 0))
 
 
-def advance(follower: Follower, fixed: Model, segment: int, end: int) -> None:
+def advance(follower: Follower, fixed: Model, segment: int, end: int, limit: float = np.inf) -> bool:
     """Run on from a segment that is known, and correct it and those before it by what it should show.
 
     Args:
@@ -27,15 +28,21 @@ def advance(follower: Follower, fixed: Model, segment: int, end: int) -> None:
         fixed: model without unknowns.
         segment: that is known, up to what the next samples correct.
         end: segment that is not touched.
+        limit: cost a sample of a segment from which on the path is looked for.
+
+    Returns:
+        Whether all segments that can be judged cost less.
     """
     machine = fixed.machine(_NOTHING[0])
     last = min(segment + 1 + AHEAD, end)
     for place in range(segment, min(last, follower.segments - 1)):
         follower.path.nodes[place + 1] = follower.arrival(machine, place)
-    settle(
-        [follower], fixed, _NOTHING, _CORRECTIONS, 1e-1, 1, goal=_ENOUGH,
-        first=max(segment - _HORIZON, 0), last=last, doubt=0.1,
-    )  # fmt: skip
+    first = max(segment - _HORIZON, 0)
+    found = settle(
+        [follower], fixed, _NOTHING, _CORRECTIONS, 1e-1, 1, goal=_ENOUGH, first=first, last=last, doubt=0.1
+    )
+    lost = found.passes[0].each[EDGE:-EDGE] > limit
+    return not lost.any() or rejoin(follower, fixed, first, last, first + EDGE + int(np.argmax(lost)), limit)
 
 
 def mend(follower: Follower, fixed: Model, first: int, last: int) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from clearance.diagnosis.elimination import eliminate, substitute
+from clearance.diagnosis.elimination import draw, eliminate, substitute
 
 
 @dataclass
@@ -134,6 +134,16 @@ def test_determinant_of_the_kept_triangle_is_that_of_the_states_information():
     nv = states.shape[1]
     diagonal = np.abs(chain.kept[:, np.arange(nv), np.arange(nv)])
     assert 2.0 * np.log(diagonal).sum() == pytest.approx(np.linalg.slogdet(of_states.T @ of_states)[1])
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_draws_are_as_likely_as_the_numbers_they_are_made_of(size):
+    chain = random_chain(**size)
+    _, states = chain.solve()
+    of_states = chain.dense()[0][:, : states.size]
+    drawn = draw(chain.kept, np.random.default_rng(5)).ravel()
+    numbers = np.random.default_rng(5).normal(size=states.shape)
+    assert ((of_states @ drawn) ** 2).sum() == pytest.approx((numbers**2).sum(), rel=1e-9)
 
 
 def test_damping_holds_states_as_further_rows():

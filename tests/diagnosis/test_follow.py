@@ -11,7 +11,7 @@ from clearance.compilation import entry
 from clearance.diagnosis.chart import Chart
 from clearance.diagnosis.fit import Model, fit, solve_bounded
 from clearance.diagnosis.follow import EDGE, INPUTS, Follower
-from clearance.diagnosis.horizon import islands
+from clearance.diagnosis.horizon import advance, islands
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.measured import NO_FAULT, SAMPLES, Measured
 from clearance.errors import InputError
@@ -288,3 +288,40 @@ def test_islands_join_where_their_margins_touch():
     mask[[0, 10, 14, 29]] = True
     assert islands(mask, 2) == [(0, 3), (8, 17), (27, 30)]
     assert islands(np.zeros(5, dtype=bool), 2) == []
+
+
+LOST = 3.0  # cost a sample
+
+
+def misled(place, random):
+    """A follower whose path goes elsewhere from a node on, since that node is a little wrong."""
+    machine = SliderCrank(joint_c=Joint(8e-4), drive=SpeedControl(RPM, ramp=0.05))
+    one, chart = follower(machine=machine), Chart.of(machine)
+    node = one.path.nodes[place : place + 1]
+    change = random.normal(size=(1, len(chart.rows))) * chart.doubt(node[0])
+    change[:, 0] *= 0.01  # the encoder knows the crank's angle better than that
+    node[:] = chart.moved(node, change)
+    return one, Setting(machine, "C").model().held(np.array([8e-4, RPM]))
+
+
+def followed(one, fixed, place):
+    """Whether the segments before and at a place are followed."""
+    found = one.compare(fixed.machine(np.zeros(0)), first=place - 6, last=place + 3)
+    return bool((found.each[EDGE:-EDGE] < LOST).all())
+
+
+def test_a_path_that_was_lost_at_an_impact_is_found_again():
+    random, lost, found = np.random.default_rng(0), 0, 0
+    for place in range(12, 46, 2):
+        one, fixed = misled(place, random)
+        before = one.path.copy()
+        advance(one, fixed, place, SEGMENTS)
+        if followed(one, fixed, place):
+            continue
+        lost += 1
+        one.path = before
+        said = advance(one, fixed, place, SEGMENTS, LOST)
+        assert said == followed(one, fixed, place)
+        found += said
+    assert lost >= 5
+    assert found >= 0.8 * lost
