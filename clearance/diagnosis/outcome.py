@@ -118,7 +118,7 @@ def diagnose(
     errors_fit = innovations(nominal, joint, best if explained(best) else None)
     where = summary(errors_fit)
     channels = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > 0.1][:3]
-    verdict = verdict_of(explanation)
+    verdict = verdict_of(explanation, after)
     body, direction = place_of(explanation)
     clearance, others = clearance_of(explanation), equivalents(explanation)
     named = effects_of(best, probabilities(explanation)) if verdict not in ("none", "unknown") else []
@@ -155,6 +155,10 @@ def diagnose(
             *(
                 f"{one.name}: {', '.join(one.silent)} shows nothing but a constant and was left out"
                 for one in recordings if one.silent
+            ),
+            *(
+                ["What explains the fitted recordings does not explain the held-out ones."]
+                if verdict != verdict_of(explanation) else []
             ),
             *(
                 [f"Not everything was tried: {search.stopped}."] if search.stopped else []

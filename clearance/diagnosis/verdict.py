@@ -144,12 +144,20 @@ def place_of(explanation: Explanation) -> tuple[str | None, str | None]:
     return None, None
 
 
-def verdict_of(explanation: Explanation) -> str:
-    """None, physics, ambiguous or unknown."""
+def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str:
+    """None, physics, instrument, mixed, ambiguous or unknown.
+
+    Args:
+        explanation: of the fitted recordings.
+        held_out: the best attempt beside recordings that it was not fitted to: what does not explain these,
+            too, is not asserted.
+    """
     best = explanation.best
     if not best.hypotheses:
         return "none" if explained(best) and not suspicious(explanation) else "unknown"
     if not explained(best) or unnamed(best.hypotheses) is not None:
+        return "unknown"
+    if held_out is not None and not explained(held_out):
         return "unknown"
     if len(equivalents(explanation)) > 1:
         return "ambiguous"
@@ -228,7 +236,7 @@ def sentences(
                 )
             lines.append(hypothesis.effect.describe(shown, joint))
         place += count
-    if verdict == "unknown" and not explained(best) and curve is None:
+    if verdict == "unknown" and curve is None:
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
     others = equivalents(explanation)[1:]
     if others:

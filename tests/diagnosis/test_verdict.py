@@ -47,6 +47,12 @@ def test_the_verdict_follows_from_what_explains(nominal, others, expected):
     assert verdict_of(Explanation(attempt([], nominal), others)) == expected
 
 
+@pytest.mark.parametrize(("held_out", "expected"), [(1.3, "physics"), (1.4, "unknown"), (60.0, "unknown")])
+def test_what_does_not_explain_held_out_recordings_is_not_asserted(held_out, expected):
+    explanation = Explanation(attempt([], 50.0), [attempt(["gravity"], 1.0)])
+    assert verdict_of(explanation, attempt(["gravity"], held_out)) == expected
+
+
 def test_an_explanation_that_only_adds_to_the_best_one_is_no_rival():
     best, longer = attempt(["slider_spring"], 1.0), attempt(["torque_ripple", "slider_spring"], 1.0)
     found = equivalents(Explanation(attempt([], 50.0), [best, longer]))
