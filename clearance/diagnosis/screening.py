@@ -203,8 +203,14 @@ def _range(column: _Column) -> tuple[float, float]:
     off, unknown = hypothesis.off[size], hypothesis.unknowns[size]
     if not np.isfinite(off):  # it vanishes at infinity; its square counts
         return 0.0, _FAR**2
-    reach = _LARGEST * abs(hypothesis.start[size] - off)
-    ends = (max(unknown.low - off, -reach) / column.step, min(unknown.high - off, reach) / column.step)
+    start = float(hypothesis.start[size])
+    reach = _LARGEST * abs(start - off)
+    low, high = max(unknown.low - off, -reach), min(unknown.high - off, reach)
+    if (
+        unknown.log
+    ):  # a linear look at what counts by ratios may lead to nothing at all, where no way leads back
+        low = max(low, off * min(start / off, off / start) - off)
+    ends = (low / column.step, high / column.step)
     return min(ends), max(ends)
 
 

@@ -15,7 +15,7 @@ from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.missing_force import FREE_FORM, Curve, along, as_function_of, refined
-from clearance.diagnosis.screening import Hint
+from clearance.diagnosis.screening import Hint, _Column, _range
 from clearance.diagnosis.search import explained
 from clearance.diagnosis.verdict import estimates
 from clearance.diagnosis.widen import _begun, scrutinise
@@ -187,6 +187,16 @@ def test_a_table_with_more_knots_is_the_same_curve(argument):
     np.testing.assert_allclose(along(fine, places), along(curve, places), atol=1e-12)
 
 
+def test_a_linear_look_begins_what_counts_by_ratios_no_further_off_than_is_plausible():
+    (hypothesis,) = load_effects(["contact_stiffness"], [])
+    group = next(iter(gather([hypothesis], SETTING.with_clearance(1e-4), "C", ()).values()))
+    size = group[0].start[0]
+    assert group[0].unknowns[0].low < 0.1 * size < size < group[0].off[0]
+    low, high = _range(_Column(group[0], 0, 1.0, None, None))
+    assert 1.0 + low == pytest.approx(size)
+    assert 1.0 < 1.0 + high <= 1.0 / size
+
+
 def test_each_table_is_refined_from_its_own_forces():
     """The second of two curves, after the first was given more knots than it has itself."""
     knots = np.linspace(0.0, 1.0, 12)
@@ -203,7 +213,12 @@ def test_each_table_is_refined_from_its_own_forces():
         explanation.best = SimpleNamespace(hypotheses=held, scale=1.0, level=3.0)
 
     stub = SimpleNamespace(
-        setting=SETTING, traces=[SimpleNamespace(speed=RPM)], report=lambda _: None, keep=keep, refit=refit
+        setting=SETTING,
+        traces=[SimpleNamespace(speed=RPM)],
+        report=lambda _: None,
+        keep=keep,
+        refit=refit,
+        late=lambda: False,
     )
     nominal = SimpleNamespace(
         misfit=100.0, scale=10.0, level=1.0, fit=SimpleNamespace(values=np.ones((1, 2)))
