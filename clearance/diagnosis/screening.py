@@ -203,14 +203,10 @@ def _range(column: _Column) -> tuple[float, float]:
     off, unknown = hypothesis.off[size], hypothesis.unknowns[size]
     if not np.isfinite(off):  # it vanishes at infinity; its square counts
         return 0.0, _FAR**2
-    start = float(hypothesis.start[size])
-    reach = _LARGEST * abs(start - off)
-    low, high = max(unknown.low - off, -reach), min(unknown.high - off, reach)
-    if (
-        unknown.log
-    ):  # a linear look at what counts by ratios may lead to nothing at all, where no way leads back
-        low = max(low, off * min(start / off, off / start) - off)
-    ends = (low / column.step, high / column.step)
+    reach = _LARGEST * abs(hypothesis.start[size] - off)
+    # what counts by ratios goes as far down as up: from near nothing no way may lead back
+    down = off - off**2 / (off + reach) if unknown.log else reach
+    ends = (max(unknown.low - off, -down) / column.step, min(unknown.high - off, reach) / column.step)
     return min(ends), max(ends)
 
 

@@ -187,14 +187,13 @@ def test_a_table_with_more_knots_is_the_same_curve(argument):
     np.testing.assert_allclose(along(fine, places), along(curve, places), atol=1e-12)
 
 
-def test_a_linear_look_begins_what_counts_by_ratios_no_further_off_than_is_plausible():
-    (hypothesis,) = load_effects(["contact_stiffness"], [])
-    group = next(iter(gather([hypothesis], SETTING.with_clearance(1e-4), "C", ()).values()))
-    size = group[0].start[0]
-    assert group[0].unknowns[0].low < 0.1 * size < size < group[0].off[0]
-    low, high = _range(_Column(group[0], 0, 1.0, None, None))
-    assert 1.0 + low == pytest.approx(size)
-    assert 1.0 < 1.0 + high <= 1.0 / size
+@pytest.mark.parametrize("name", ["contact_stiffness", "rod_inertia"])
+def test_a_linear_look_begins_what_counts_by_ratios_as_far_down_as_up(name):
+    groups = gather(load_effects([name], []), SETTING.with_clearance(1e-4), "C", ())
+    one = next(g[0] for g in groups.values() if len(g[0].unknowns) == 1 and g[0].unknowns[0].log)
+    low, high = _range(_Column(one, 0, 1.0, None, None))
+    assert (one.off[0] + low) * (one.off[0] + high) == pytest.approx(one.off[0] ** 2)
+    assert one.unknowns[0].low < 0.5 * (one.off[0] + low)
 
 
 def test_each_table_is_refined_from_its_own_forces():
