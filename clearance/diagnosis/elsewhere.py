@@ -5,13 +5,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from clearance.diagnosis.explain import FAR, HALFWAY, Explanation, Search, beside, enough
+from clearance.diagnosis.explain import FAR, HALFWAY, PATIENCE, Explanation, Search, beside, enough
 from clearance.diagnosis.finished import Followed
 from clearance.diagnosis.fit import Model
-from clearance.diagnosis.geometry import GEOMETRIC, suggest_dimensions
+from clearance.diagnosis.geometry import GEOMETRIC, LOOSE_GUIDE, suggest_dimensions, suggest_guide
 from clearance.diagnosis.growth import Start, grow
 from clearance.diagnosis.hypothesis import Hypothesis
-from clearance.diagnosis.search import EXPLAINED, LOOSENESS, POOR, Attempt, explained
+from clearance.diagnosis.search import EXPLAINED, FOLLOWED, LOOSENESS, POOR, Attempt, explained
 from clearance.errors import InputError
 
 _FITTED = 2  # of them that are fitted to all recordings
@@ -19,7 +19,8 @@ _LEFT = 0.3  # of what a base that explains leaves: what is right leaves less
 _LOOKS = 3  # at all recordings
 _TRIALS = 3  # plausible shapes or sizes of an effect that are tried
 _ASTRAY = 1.3  # times larger or smaller than another one: a clearance that means another path
-_ELSEWHERE = ("soft_drive", "second_clearance", "rod_flexibility", "flexible_base", "guide_clearance")
+_HOPELESS = 100.0  # misfit with a gap that is not worth another look
+_ELSEWHERE = ("soft_drive", "second_clearance", "rod_flexibility", "flexible_base", LOOSE_GUIDE)
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
 _FILM, _DRIVE = "joint_lubrication", "soft_drive"
 _EDGED = "process_load"  # at one place of many: a size alone says nothing
@@ -142,6 +143,41 @@ def begin_dimensions(search: Search, explanation: Explanation, channels: Sequenc
             return
 
 
+def begin_guide(search: Search, explanation: Explanation) -> None:
+    """Fit play of the slider in its guide, from the gap that the motion shows.
+
+    A shoe that rattles is lost at many strikes, so its path is looked for with patience.
+    """
+    one, nominal = suggest_guide(search), explanation.nominal
+    if one is None:
+        return
+    explanation.suspected = (one.hypothesis.body, one.hypothesis.direction)
+    held, values = beside(nominal, [one.hypothesis], np.array([one.value]))
+    model = search.setting.model(held)
+    values[:, 0] = one.clearance
+    begun = {r: _anew(search, model, values[r], r) for r in range(len(values))}
+    for r in sorted(begun, key=lambda r: begun[r].doubt):
+        start, row = begun[r], values[r]
+        for _ in range(_LOOKS):
+            if search.late():
+                return
+            if start.doubt > FOLLOWED:
+                start = _anew(search, model, row, r, PATIENCE)
+            row = np.append(row[:-1], start.trace.speed)
+            found = grow(start, model, row, _HOPELESS, patient=True)
+            if found is None:
+                break
+            row = found[1]
+            search.report(f"  {one.hypothesis.label}: misfit {found[2]:.3g} on one recording")
+            if found[2] < EXPLAINED:
+                search.keep(
+                    explanation, held,
+                    lambda row=row, r=r: _everywhere(search, held, row, r, nominal),  # type: ignore[misc]
+                )  # fmt: skip
+                return
+            start = _anew(search, model, row, r)
+
+
 def _begun(search: Search, hypothesis: Hypothesis, model: Model, row: np.ndarray, r: int) -> Start:
     """Where a recording can be followed from: anew where a hypothesis makes it another path."""
     structural = hypothesis.structural(search.setting.with_clearance(3e-4))
@@ -150,10 +186,10 @@ def _begun(search: Search, hypothesis: Hypothesis, model: Model, row: np.ndarray
     return _anew(search, model, row, r)
 
 
-def _anew(search: Search, model: Model, row: np.ndarray, r: int) -> Start:
+def _anew(search: Search, model: Model, row: np.ndarray, r: int, patience: int = 0) -> Start:
     """Where a recording can be followed from, at its own speed, with what another one may have told."""
     trace = search.retrace(r, model.machine(row), model.instrument(row))
-    return Start.of(trace, model.held(np.append(row[:-1], trace.speed)), LOOSENESS)
+    return Start.of(trace, model.held(np.append(row[:-1], trace.speed)), LOOSENESS, patience)
 
 
 def _everywhere(
@@ -165,12 +201,13 @@ def _everywhere(
     are sought anew with another drive.
     """
     model, drive = search.setting.model(held), held[-1].name == _DRIVE
+    rattling = held[-1].name == LOOSE_GUIDE
     best: Attempt | None = None
     for look in range(_LOOKS):
 
         def begin(r: int, row: np.ndarray = row, again: bool = look > 0) -> Start:
-            if again or (drive and r != surest):
-                return _anew(search, model, row, r)
+            if again or rattling or (drive and r != surest):
+                return _anew(search, model, row, r, PATIENCE if rattling else 0)
             return _begun(search, held[-1], model, row, r)
 
         with ThreadPoolExecutor(search.workers) as pool:
@@ -179,7 +216,7 @@ def _everywhere(
         for r, start in enumerate(starts):
             if look or r != surest:
                 values[r, -1] = start.trace.speed
-        found = search.grown(held, values, starts, base=base)
+        found = search.grown(held, values, starts, base=base, patient=rattling)
         if found is None or (best is not None and not found.misfit < best.misfit):
             break
         best, row = found, found.fit.values[surest].copy()
@@ -193,7 +230,7 @@ def _everywhere(
 
 def _misleads(hypothesis: Hypothesis) -> bool:
     """Whether the motion itself is taken for another one without it: it moves links or alters a sensor."""
-    return hypothesis.name in GEOMETRIC or hypothesis.fault is not None
+    return hypothesis.name in (*GEOMETRIC, LOOSE_GUIDE) or hypothesis.fault is not None
 
 
 def _astray(clearance: float, other: float) -> bool:

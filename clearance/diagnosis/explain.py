@@ -34,13 +34,14 @@ from clearance.mechanism.slider_crank import SliderCrank
 _GLANCES, _GLANCE = 3, 40  # glances at the clearance, and segments of each
 _FACTORS = (1.0, 0.95, 1.05)  # on it, tried one after another
 _SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on looks tell little
-_PATIENCE = 40  # times that a path is looked for in vain at the beginning
+PATIENCE = 40  # times that a path is looked for in vain at the beginning
 _LOOKS = 2  # times that recordings are followed anew with better values
 NEARLY = 4.0  # misfit up to which a model is worth another look
 HALFWAY = 0.3  # of the base's misfit: a sensor's fault that reaches that is worth a path of its own
 FAR = (
     20.0  # misfit from which on a linear look beside the path tells little, and what is right leaves far less
 )
+_LEFT = 0.3  # of what is missing beside a near path: what is right leaves less, but for torn impacts
 _BETTER = 0.8  # of the base's misfit: a model that does not reach that beside its path, or with one recording
 _WORSE = 2.0  # of the best misfit so far: a model is given up that follows worse than that
 
@@ -163,7 +164,7 @@ class Search:
         def one(r: int) -> Start:
             if self.starts[r].doubt < FOLLOWED:
                 return self.starts[r]
-            return Start.of(self.traces[r], model.held(values[r]), LOOSENESS, _PATIENCE)
+            return Start.of(self.traces[r], model.held(values[r]), LOOSENESS, PATIENCE)
 
         with ThreadPoolExecutor(self.workers) as pool:
             return list(pool.map(one, range(len(self.starts))))
@@ -176,6 +177,7 @@ class Search:
         limit: float = np.inf,
         model: Model | None = None,
         base: Attempt | None = None,
+        patient: bool = False,
     ) -> Attempt | None:
         """Follow all recordings step by step with a model, and fit it to all of them.
 
@@ -186,21 +188,28 @@ class Search:
             limit: misfit above which a model is given up on the way.
             model: of the hypotheses; with its usual unknowns if ``None``.
             base: an attempt that the first recording must be followed clearly better with than it is.
+            patient: as of ``grow``.
         """
         model = self.setting.model(hypotheses) if model is None else model
-        grown = self._grown(self.starts if starts is None else starts, model, values, limit, base)
+        grown = self._grown(self.starts if starts is None else starts, model, values, limit, base, patient)
         if grown is None:
             return None
         followers, rows, misfit = grown
         return refine(hypotheses, model, followers, rows, scale_of(misfit), 8, self.workers)
 
     def _grown(
-        self, starts: Sequence[Start], model: Model, values: np.ndarray, limit: float, base: Attempt | None
+        self,
+        starts: Sequence[Start],
+        model: Model,
+        values: np.ndarray,
+        limit: float,
+        base: Attempt | None,
+        patient: bool,
     ) -> tuple[list[Follower], np.ndarray, float] | None:
         """Followers, values and misfit: the surest recording first, the others with what it tells."""
         order = [int(r) for r in np.argsort([start.doubt for start in starts])]
         rows, shared = values.copy(), model.shared
-        found = grow(starts[order[0]], model, rows[order[0]], limit)
+        found = grow(starts[order[0]], model, rows[order[0]], limit, patient=patient)
         if found is None or (base is not None and found[2] > enough(base, order[0])):
             return None
         grown = {order[0]: found}
@@ -209,7 +218,7 @@ class Search:
         kept = list(range(shared if found[2] < FOLLOWED else 0, rows.shape[1]))
 
         def one(r: int) -> tuple[Follower, np.ndarray, float] | None:
-            other = grow(starts[r], model.only(kept, rows[r]), rows[r, kept], limit)
+            other = grow(starts[r], model.only(kept, rows[r]), rows[r, kept], limit, patient=patient)
             return None if other is None else (other[0], np.append(rows[r, : kept[0]], other[1]), other[2])
 
         with ThreadPoolExecutor(self.workers) as pool:
@@ -241,14 +250,22 @@ class Search:
         self, held: Sequence[Hypothesis], base: Attempt, values: np.ndarray, limit: float
     ) -> Attempt | None:
         """Fit hypotheses on the path of ``base`` where that is near, and step by step where it is not."""
-        found: Attempt | None = None
-        if base.scale <= ANNEALING[3]:
-            found = refine(
-                held, self.setting.model(held), base.followers, values, ANNEALING[3], 8, self.workers
-            )
-            if explained(found) or not found.misfit < _BETTER * base.misfit:
-                return found
-            values = found.fit.values
+        if base.scale > ANNEALING[3]:
+            return self.follow_anew(held, base, values, limit)
+        found = refine(held, self.setting.model(held), base.followers, values, ANNEALING[3], 8, self.workers)
+        if explained(found) or not found.misfit < 1.0 + _LEFT * (base.misfit - 1.0):
+            return found
+        return self.follow_anew(held, base, found.fit.values, limit, found)
+
+    def follow_anew(
+        self,
+        held: Sequence[Hypothesis],
+        base: Attempt,
+        values: np.ndarray,
+        limit: float,
+        found: Attempt | None = None,
+    ) -> Attempt | None:
+        """Fit hypotheses step by step, unless that is no better than what was found beside the path."""
         starts, heard = self.starts, any(h.fault is not None for h in held)
         for look in range(_LOOKS):  # torn impacts are met better with the right values
             other = self.grown(held, values, starts, limit, base=base)
@@ -265,6 +282,19 @@ class Search:
             if found.misfit > NEARLY:  # on a path of its own, its sensors' faults undone
                 starts = self.anew(found)
         return found
+
+    def follow_best(self, explanation: Explanation, base: Attempt, tried: Sequence[Hint]) -> None:
+        """Follow with the best of what was tried beside the near path of ``base``: impacts may be torn."""
+        labels = [" + ".join(h.label for h in (*base.hypotheses, *hint.hypotheses)) for hint in tried]
+        fitted = [a for a in explanation.attempts if a.label in labels]
+        best = min(fitted, key=penalised, default=None)
+        if base.scale > ANNEALING[3] or best is None or not best.misfit < _BETTER * base.misfit:
+            return
+        limit = max(base.misfit, POOR)
+        self.keep(
+            explanation, best.hypotheses,
+            lambda: self.follow_anew(best.hypotheses, base, best.fit.values, limit, best),
+        )  # fmt: skip
 
     def anew(self, attempt: Attempt) -> list[Start]:
         """Where the recordings can be followed from with an attempt's machine and instruments."""

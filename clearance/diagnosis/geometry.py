@@ -17,13 +17,17 @@ from scipy.optimize import minimize_scalar
 from clearance.diagnosis.explain import Search
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.instrument import Instrument
-from clearance.diagnosis.measured import Measured
-from clearance.diagnosis.trace import COMPARED, agreement, profile
+from clearance.diagnosis.lift import suggest_gap
+from clearance.diagnosis.measured import SAMPLES, Measured
+from clearance.diagnosis.reconstruction import reconstruct
+from clearance.diagnosis.trace import COMPARED, agreement, loose, profile
 from clearance.errors import InputError
+from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 
 GEOMETRIC = ("slider_offset", "second_clearance")
 """Effects that change where the links can be."""
+LOOSE_GUIDE, VERTICAL = "guide_clearance", "slider_vertical"
 _CLOCK = "timebase"
 
 _MULTIPLES = np.outer([-1.0, 1.0], [0.5, 2.0, 5.0, 15.0, 40.0]).ravel()  # of a plausible size
@@ -31,6 +35,7 @@ _WITHIN = 2.5  # times larger or smaller than the best one of these
 _CLEARLY = 0.9  # of the disagreement without it
 _MUCH = 0.4  # by which it falls at least: below, a second gap takes up what a friction does (0.2 seen)
 _MISLED = 0.6  # of the disagreement: less is left without a channel whose sensor is at fault
+_SHOWN = 5.0  # times the noise: what a slider that leaves its line shows
 _CLOSER = 8  # sizes that are compared around the best one
 
 
@@ -88,6 +93,41 @@ def suggest_dimensions(search: Search, channels: Sequence[str]) -> list[Dimensio
             )
             found.append(best)
     return sorted(found, key=lambda one: one.share)
+
+
+def suggest_guide(search: Search) -> Dimension | None:
+    """Play of the slider in its guide, where its own sensor shows rails and the motion agrees with them."""
+    hypothesis = next((g[0] for g in search.groups.values() if g[0].name == LOOSE_GUIDE), None)
+    recordings, alignments, workers = search.recordings, search.alignments, search.workers
+    if hypothesis is None or any(VERTICAL not in one.channels for one in recordings):
+        return None
+    nominal = search.setting.with_clearance(search.profile.best)
+    paths = [
+        reconstruct(
+            one, nominal.parameters(), loose(nominal), known.speed, known.angle, COMPARED * SAMPLES
+        ).across
+        for one, known in zip(recordings, alignments, strict=True)
+    ]  # fmt: skip
+    sigma = max(float(one.sigma[one.channels.index(VERTICAL)]) for one in recordings)
+    if min(float(path[0].std()) for path in paths) < _SHOWN * sigma:
+        return None
+    stiffness = hypothesis.apply(nominal, hypothesis.start).parameters()[Parameter.GUIDE_STIFFNESS]
+    period = 1.0 / recordings[0].chain.rate
+    gap = suggest_gap([(path[0], path[1]) for path in paths], float(stiffness), sigma, period)
+    if gap is None:
+        return None
+    size = np.array([gap])
+    beside = profile(
+        recordings, alignments, lambda c: hypothesis.apply(search.setting.with_clearance(c), size), workers
+    )
+    share = float(beside.misfit.min() / search.profile.misfit.min())
+    if share > _MISLED:
+        return None
+    search.report(
+        f"  the slider strikes rails that leave it {gap * 1e6:.3g} um on each side, with a clearance of "
+        f"{beside.best * 1e3:.3f} mm: {share:.0%} of the motion's disagreement are left"
+    )
+    return Dimension(hypothesis, gap, beside.best, share)
 
 
 def _dimension(search: Search, hypothesis: Hypothesis) -> Dimension | None:

@@ -27,7 +27,7 @@ _BEFORE, _AFTER = 2, 3  # segments around them that are followed first
 _FIRST_FIT = 8  # steps before the parameters are fitted; then whenever their number has doubled
 _SETTLING = 48  # steps from which on each recording's own unknowns are fitted as well
 _JUDGED = 32  # steps before a model may be given up
-_HOPES = 4  # times that a lost path is looked for in vain between two fits
+_HOPES, _PATIENT = 4, 12  # times that a lost path is looked for in vain between two fits
 _TORN = 3.0  # cost a sample of a segment that is not followed
 _NOTHING = np.zeros((1, 0))
 
@@ -94,7 +94,12 @@ class Start:
 
 
 def grow(
-    start: Start, model: Model, values: np.ndarray, limit: float = np.inf, most: int | None = None
+    start: Start,
+    model: Model,
+    values: np.ndarray,
+    limit: float = np.inf,
+    most: int | None = None,
+    patient: bool = False,
 ) -> tuple[Follower, np.ndarray, float] | None:
     """Follow a recording from its island as far as is wanted.
 
@@ -104,6 +109,8 @@ def grow(
         values: (unknowns,) to begin with.
         limit: misfit above which the model is given up on the way.
         most: segments, at most; as many as the trace wants if ``None``.
+        patient: whether the path is looked for however badly it is followed so far, and the clearance is
+            fitted before what else the model has.
 
     Returns:
         The follower of what was followed, the (unknowns,) values found and the misfit; ``None`` where the
@@ -117,7 +124,8 @@ def grow(
     first = start.island - _BEFORE
     end = min(first + (most or start.trace.length), follower.segments)
     rows = values[None].copy()
-    found, steps, due, hopes = None, 0, _FIRST_FIT, 0
+    found, steps, due = None, 0, _FIRST_FIT
+    hopes = _PATIENT if patient else _HOPES if start.doubt < FOLLOWED else 0
     segment = start.island + _ISLAND + _AFTER - AHEAD
     while segment < end:
         hopes -= not advance(follower, held, segment, end, _TORN if hopes else np.inf)
@@ -127,6 +135,7 @@ def grow(
             continue
         due = 2 * steps
         kept = [i for i, unknown in enumerate(model.unknowns) if steps >= _SETTLING or not unknown.own]
+        kept = kept[:1] if patient and steps < 2 * _FIRST_FIT else kept
         part = model.only(kept, rows[0])
         found, scale = _fitted(
             follower, part, rows[:, kept], values[None, kept], first, min(segment + 1, end)
@@ -134,7 +143,7 @@ def grow(
         rows[:, kept] = found.values
         held = model.held(rows[0])
         # a path is looked for where a model that is right so far loses it, not where physics is missing
-        hopes = _HOPES if found.level * scale**2 < FOLLOWED else 0
+        hopes = _PATIENT if patient else _HOPES if found.level * scale**2 < FOLLOWED else 0
         if steps >= _JUDGED and found.level * scale**2 > limit:
             return None
     assert found is not None

@@ -12,13 +12,14 @@ References: draws from a square-root information matrix: Rue & Held 2005, Gaussi
 import numpy as np
 
 from clearance.diagnosis.chart import Chart
-from clearance.diagnosis.fit import Model, settle
+from clearance.diagnosis.fit import Model, Settled, settle
 from clearance.diagnosis.follow import EDGE, Follower
 
 _DRAWN = 32  # states
 _SPREADS = (1.0, 4.0)  # factors on what is known of them, in turn
 _CORRECTED = 3  # of them, nearest first
-_SCALES = (3.0, 1.0)  # of the noise, to correct them at
+_FINISHED = 1  # of these, as they were corrected roughly
+_ROUGH = 3.0  # factor on the noise, to correct them at first
 _ITERATIONS, _GOAL = 4, 1.05
 _KNOWN = 2  # segments before the lost one whose samples tell the state, beyond those at the edge
 _NOTHING = np.zeros((1, 0))
@@ -50,6 +51,12 @@ def rejoin(follower: Follower, fixed: Model, first: int, last: int, lost: int, l
         seen = follower.compare(machine, instrument, first, last)
         return seen.cost, float(seen.each[EDGE:-EDGE].max())
 
+    def correct(scale: float) -> Settled:
+        return settle(
+            [follower], fixed, _NOTHING, _ITERATIONS, 5e-2, 1, tries=2, goal=_GOAL if scale == 1.0 else 0.0,
+            first=first, last=last, scale=scale, doubt=0.1,
+        )  # fmt: skip
+
     least, worst = judge()
     part = slice(first, place + 1)
     for spread in _SPREADS:
@@ -69,13 +76,14 @@ def rejoin(follower: Follower, fixed: Model, first: int, last: int, lost: int, l
         for nodes in drawn:
             follower.path.nodes[:] = nodes
             costs.append(judge()[0])
+        roughly = []
         for i in np.argsort(costs)[:_CORRECTED]:
             follower.path.nodes[:], follower.path.inputs[:] = drawn[i], begin.inputs
-            for scale in _SCALES:
-                settle(
-                    [follower], fixed, _NOTHING, _ITERATIONS, 5e-2, 1, goal=_GOAL if scale == 1.0 else 0.0,
-                    first=first, last=last, scale=scale, doubt=0.1,
-                )  # fmt: skip
+            found = correct(_ROUGH)
+            roughly.append((found.cost, follower.path.copy()))
+        for _, path in sorted(roughly, key=lambda one: one[0])[:_FINISHED]:
+            follower.path = path
+            correct(1.0)
             cost, high = judge()
             if cost < least:
                 least, worst, best = cost, high, follower.path.copy()

@@ -11,12 +11,13 @@ as white inputs, Gillijns & De Moor 2007, Automatica 43(1), 111-116.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from clearance.compilation import entry
+from clearance.diagnosis.lift import Lift, lift
 from clearance.diagnosis.measured import SAMPLES, Measured
 from clearance.diagnosis.rigid_motion import (
     CRANK_ANGLE,
@@ -29,7 +30,7 @@ from clearance.diagnosis.rigid_motion import (
     feel,
 )
 from clearance.mechanism.parameters import JOINT_STRIDE, Parameter
-from clearance.simulation.layout import STATES, State
+from clearance.simulation.layout import STATES, Signal, State
 from clearance.simulation.shooting import ECCENTRICITY_B, ECCENTRICITY_C
 
 _ITERATIONS = 6
@@ -58,12 +59,15 @@ class Reconstruction:
         misfit: mean square over samples and channels in units of the noise, large ones counted as 9.
         force: typical force in the joint [N].
         speed: that the drive seems to be asked for [rad/s].
+        across: (2, samples) acceleration of the slider across its guide [m/s^2] and the guide's force on it
+            [N]; no samples where no sensor tells.
     """
 
     nodes: np.ndarray
     misfit: float
     force: float
     speed: float
+    across: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)))
 
 
 def reconstruct(
@@ -107,8 +111,10 @@ def reconstruct(
     noise = _noise(values, measured, parameters)
     target, sight = np.zeros((count, 2 * loose)), np.zeros((count, 2 * loose, 2))
     doubt = np.full((count, 2 * loose), np.inf)
-    felt = feel(parameters, joints, measured.signals, state, inputs)
+    felt, lifted = feel(parameters, joints, measured.signals, state, inputs), None
     for iteration in range(_ITERATIONS):
+        if iteration > 1:  # from the forces of a path that is nearly right: they tell the side
+            lifted = _lifted(parameters, measured, _across(parameters, measured, values, felt, state))
         if iteration:
             for j in range(loose):
                 rests = _resting(felt, joints[j], state, j, gaps[j], stiffness[j], robust and iteration > 2)
@@ -124,7 +130,7 @@ def reconstruct(
             else:
                 pushed = inputs.copy()
                 pushed[:, i - states] += step
-            other = feel(parameters, joints, measured.signals, moved, pushed)
+            other = feel(parameters, joints, measured.signals, moved, pushed, lifted)
             slopes[:, :, i] = (np.column_stack([other.signals, other.imbalance]) - rows) / step
         seen = np.column_stack([values, np.zeros(count)]) - rows
         seen += np.einsum("tmi,ti->tm", slopes, np.concatenate([state, inputs], axis=1))
@@ -133,7 +139,7 @@ def reconstruct(
             doubt**2,
         )  # fmt: skip
         state, inputs = smoothed[:, :states], smoothed[:, states:]
-        felt = feel(parameters, joints, measured.signals, state, inputs)
+        felt = feel(parameters, joints, measured.signals, state, inputs, lifted)
     error = (values - felt.signals) ** 2 / noise[:, :-1]
     cost = np.minimum(error, 9.0).mean()
     for j in range(loose):
@@ -146,10 +152,34 @@ def reconstruct(
     force = 0.0
     for j, joint in enumerate(joints):
         force = _write(nodes, felt, state, j, joint, gaps[j], stiffness[j])
-    if parameters[Parameter.GUIDE_STIFFNESS] > 0.0:
+    if lifted is not None:
+        nodes[:, State.SLIDER_Y] = parameters[Parameter.GUIDE_OFFSET] + lifted.height[::SAMPLES]
+        nodes[:, State.SLIDER_Y_RATE] = lifted.rate[::SAMPLES]
+    elif parameters[Parameter.GUIDE_STIFFNESS] > 0.0:
         weight = parameters[Parameter.SLIDER_MASS] * (parameters[Parameter.GRAVITY_Y] + state[:, GRAVITY_Y])
         _lay(nodes, parameters, weight - felt.force_c[:, 1], period)
-    return Reconstruction(nodes, float(cost), force, asked)
+    across = _across(parameters, measured, values, felt, state)
+    return Reconstruction(nodes, float(cost), force, asked, across)
+
+
+def _across(
+    p: np.ndarray, measured: Measured, values: np.ndarray, felt: Felt, state: np.ndarray
+) -> np.ndarray:
+    """(2, samples) acceleration of the slider across its guide and the guide's force on it."""
+    if Signal.SLIDER_VERTICAL not in measured.signals:
+        return np.zeros((2, 0))
+    vertical = values[:, measured.signals.index(Signal.SLIDER_VERTICAL)]
+    gravity = p[Parameter.GRAVITY_Y] + state[:, GRAVITY_Y]
+    return np.stack([vertical + gravity, p[Parameter.SLIDER_MASS] * vertical + felt.force_c[:, 1]])
+
+
+def _lifted(p: np.ndarray, measured: Measured, across: np.ndarray) -> Lift | None:
+    """How a slider that is loose in its guide moves across it, where its sensor tells."""
+    if p[Parameter.GUIDE_STIFFNESS] <= 0.0 or not across.size:
+        return None
+    sigma = measured.sigma[measured.signals.index(Signal.SLIDER_VERTICAL)]
+    gap, stiffness = p[Parameter.GUIDE_GAP], p[Parameter.GUIDE_STIFFNESS]
+    return lift(across[0], across[1], gap, stiffness, sigma, 1.0 / measured.chain.rate)
 
 
 def _noise(values: np.ndarray, measured: Measured, p: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clearance.diagnosis.lift import Lift
 from clearance.mechanism.parameters import Parameter
 from clearance.simulation.layout import Signal
 
@@ -37,7 +38,12 @@ class Felt:
 
 
 def feel(
-    p: np.ndarray, joints: Sequence[str], signals: Sequence[int], state: np.ndarray, inputs: np.ndarray
+    p: np.ndarray,
+    joints: Sequence[str],
+    signals: Sequence[int],
+    state: np.ndarray,
+    inputs: np.ndarray,
+    lifted: Lift | None = None,
 ) -> Felt:
     """Signals and forces of a motion.
 
@@ -47,6 +53,7 @@ def feel(
         signals: rows of ``Signal`` to compute.
         state: (samples, 5 + 4 joints), see ``CRANK_ANGLE`` and the following.
         inputs: (samples, 1 + 2 joints) accelerations: of the crank, then of each eccentricity.
+        lifted: motion of a slider that is loose in its guide.
     """
     crank, offset = p[Parameter.CRANK_LENGTH], p[Parameter.GUIDE_OFFSET]
     to_b, to_c = p[Parameter.ROD_TO_B], p[Parameter.ROD_TO_C]
@@ -64,7 +71,8 @@ def feel(
                 state[:, first + 2] + moment * state[:, first + 3] + half * inputs[:, 2 + 2 * j],
             )
         bx, by = crank * np.cos(angle) - gap["B"][0], crank * np.sin(angle) - gap["B"][1]
-        sine = (offset + gap["C"][1] - by) / length
+        height = nothing if lifted is None else lifted.at(moment)
+        sine = (offset + height + gap["C"][1] - by) / length
         moments.append(
             np.stack([bx, by, np.arcsin(sine), bx + length * np.sqrt(1.0 - sine**2) - gap["C"][0]])
         )
@@ -100,7 +108,7 @@ def feel(
             case Signal.SLIDER_HORIZONTAL:
                 return slider
             case Signal.SLIDER_VERTICAL:
-                return -gy
+                return (0.0 if lifted is None else lifted.acceleration) - gy
             case Signal.CRANK_ANGLE:
                 return state[:, CRANK_ANGLE]
             case Signal.CRANK_SPEED:

@@ -6,6 +6,7 @@ from clearance.diagnosis.elsewhere import (
     begin_dimensions,
     begin_elsewhere,
     begin_film,
+    begin_guide,
     begin_plausible,
 )
 from clearance.diagnosis.explain import NEARLY, Explanation, Search, penalised
@@ -66,6 +67,9 @@ def _search_all(
         widen(search, explanation, nominal, prospects.plain)
 
     def motion() -> None:
+        begin_guide(search, explanation)
+        if settled(search, explanation, nominal):
+            return
         channels = suggest_channels(search)[:_FAULTS]
         begin_dimensions(search, explanation, channels)
         if not settled(search, explanation, nominal):
@@ -104,7 +108,7 @@ def _search_all(
 
     def curve() -> None:
         found, misfit = suggest_curve(search, nominal)
-        if found:
+        if found and explanation.suspected is None:
             explanation.suspected = (found[0].body, found[0].direction)
         if misfit < NEARLY or (found and found[0].body == "slider"):
             fit_curve(search, explanation, found)

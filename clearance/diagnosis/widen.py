@@ -9,7 +9,7 @@ from clearance.diagnosis.explain import HALFWAY, NEARLY, Explanation, Search, be
 from clearance.diagnosis.growth import Start
 from clearance.diagnosis.missing_force import unnamed
 from clearance.diagnosis.screening import Hint, screen
-from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, POOR, Attempt, explained
+from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, POOR, Attempt, explained, refine
 from clearance.diagnosis.significance import SURE
 from clearance.diagnosis.suspicion import suspect
 from clearance.diagnosis.trace import Trace, profile
@@ -23,6 +23,7 @@ _PLAIN = 0.3  # of it: such effects come before anything else
 _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
+_LEFT = 0.5  # of what is missing beside a near path: more is left where no sensor is at fault
 _ONSET = 0.01  # of what a linear look promises, to begin with
 
 
@@ -66,6 +67,8 @@ def widen(search: Search, explanation: Explanation, base: Attempt, hints: Sequen
     for hint in hints[:_FITTED]:
         if not settled(search, explanation, base):
             search.follow(explanation, base, hint)
+    if not settled(search, explanation, base):
+        search.follow_best(explanation, base, hints[:_FITTED])
     loud = [hint.hypotheses[0].channel for hint in hints]
     for channel in list(dict.fromkeys(c for c in loud if c is not None))[:_DEAF]:
         if not settled(search, explanation, base):
@@ -106,11 +109,8 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
 
 def deafen(search: Search, explanation: Explanation, base: Attempt, channel: str) -> None:
     """Fit without a channel: where that explains everything, its sensor is at fault; how, is fitted."""
-    deaf, values = [start.without(channel) for start in search.starts], base.fit.values
     try:
-        if base is explanation.nominal and base.misfit > FOLLOWED:  # it may have misled the path, too
-            deaf, values = unheard(search, channel)
-        found = search.grown(base.hypotheses, values, deaf, max(base.misfit, POOR))
+        found = _deaf(search, explanation, base, channel)
     except (InputError, np.linalg.LinAlgError):
         return
     if found is None:
@@ -140,6 +140,21 @@ def deafen(search: Search, explanation: Explanation, base: Attempt, channel: str
         search.refit(explanation, held, hearing, values, ANNEALING[2])
         if explained(explanation.best):
             return
+
+
+def _deaf(search: Search, explanation: Explanation, base: Attempt, channel: str) -> Attempt | None:
+    """What is left of an attempt's misfit without a channel."""
+    deaf, values = [start.without(channel) for start in search.starts], base.fit.values
+    if base is explanation.nominal and base.misfit > FOLLOWED:  # it may have misled the path, too
+        deaf, values = unheard(search, channel)
+    elif base.scale <= 1.0:  # the path is near: what the channel contradicts shows beside it
+        followers = [f.part(0, f.segments) for f in base.followers]
+        for follower in followers:
+            follower.measured = follower.measured.without(channel)
+        near = refine(base.hypotheses, base.model, followers, values, 1.0, 8, search.workers)
+        if not near.misfit < 1.0 + _LEFT * (base.misfit - 1.0):
+            return near
+    return search.grown(base.hypotheses, values, deaf, max(base.misfit, POOR))
 
 
 def unheard(search: Search, channel: str) -> tuple[list[Start], np.ndarray]:

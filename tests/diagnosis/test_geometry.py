@@ -8,17 +8,18 @@ import pytest
 from clearance.diagnosis.demonstration import record
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.explain import Search
-from clearance.diagnosis.geometry import suggest_channels, suggest_dimensions
+from clearance.diagnosis.geometry import suggest_channels, suggest_dimensions, suggest_guide
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.measured import Measured, chain_of
 from clearance.diagnosis.trace import aligned
 from clearance.mechanism.drive import SpeedControl
-from clearance.mechanism.guide import StribeckGuide
+from clearance.mechanism.frame import FlexibleFrame
+from clearance.mechanism.guide import LooseGuide, StribeckGuide
 from clearance.mechanism.slider_crank import SliderCrank
 
 SETTING = Setting(SliderCrank(), "C")
 NOMINAL = replace(SETTING.with_clearance(2e-4), drive=SpeedControl(700.0, ramp=0.1))
-EFFECTS = ["slider_offset", "second_clearance", "sensor_bias", "sensor_gain"]
+EFFECTS = ["slider_offset", "second_clearance", "guide_clearance", "sensor_bias", "sensor_gain"]
 
 
 def traced(machine, damage=lambda channels, values: values):
@@ -70,4 +71,21 @@ def test_a_missing_force_points_at_no_dimension_and_no_sensor():
     search = traced(replace(NOMINAL, guide_friction=friction))
     assert suggest_channels(search) == []
     assert suggest_dimensions(search, []) == []
+    assert suggest_guide(search) is None
     assert np.isfinite(search.profile.misfit).all()
+
+
+def test_a_slider_that_is_loose_in_its_guide():
+    machine = replace(NOMINAL, joint_c=replace(NOMINAL.joint_c, clearance=1e-4), guide=LooseGuide(gap=7e-5))
+    search = traced(machine)
+    found = suggest_guide(search)
+    assert search.profile.best > 1.3e-4  # what the slider does is taken for the journal's play
+    assert found.hypothesis.name == "guide_clearance"
+    assert found.value == pytest.approx(7e-5, rel=0.1)
+    assert found.clearance == pytest.approx(1e-4, rel=0.2)
+    assert found.share < 0.5
+
+
+@pytest.mark.slow
+def test_a_frame_that_gives_way_has_no_rails():
+    assert suggest_guide(traced(replace(NOMINAL, frame=FlexibleFrame(frequency=40.0)))) is None
