@@ -158,13 +158,16 @@ def begin_guide(search: Search, explanation: Explanation) -> None:
     begun = {r: _anew(search, model, values[r], r) for r in range(len(values))}
     for r in sorted(begun, key=lambda r: begun[r].doubt):
         start, row = begun[r], values[r]
+        if start.doubt > FOLLOWED:
+            start = _anew(search, model, row, r, PATIENCE)
         for _ in range(_LOOKS):
             if search.late():
                 return
-            if start.doubt > FOLLOWED:
-                start = _anew(search, model, row, r, PATIENCE)
             row = np.append(row[:-1], start.trace.speed)
-            found = grow(start, model, row, _HOPELESS, patient=True)
+            try:
+                found = grow(start, model, row, _HOPELESS, patient=True)
+            except (InputError, np.linalg.LinAlgError):  # the gap has closed
+                found = None
             if found is None:
                 break
             row = found[1]
@@ -175,7 +178,7 @@ def begin_guide(search: Search, explanation: Explanation) -> None:
                     lambda row=row, r=r: _everywhere(search, held, row, r, nominal),  # type: ignore[misc]
                 )  # fmt: skip
                 return
-            start = _anew(search, model, row, r)
+            start = _anew(search, model, row, r, PATIENCE)
 
 
 def _begun(search: Search, hypothesis: Hypothesis, model: Model, row: np.ndarray, r: int) -> Start:

@@ -162,6 +162,7 @@ def test_a_film_is_not_tried_where_the_motion_agrees():
     assert explanation.attempts == []
 
 
+@pytest.mark.slow
 def test_what_promises_little_beside_a_bad_path_is_tried_from_a_plausible_size():
     names, friction = ("guide_friction", "restitution"), StribeckGuide(coulomb_force=6.0)
     found, explanation = search(5e-4, names, guide_friction=friction)

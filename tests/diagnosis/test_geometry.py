@@ -42,6 +42,7 @@ def test_a_guide_line_that_lies_elsewhere():
     assert found.clearance == pytest.approx(2e-4, rel=0.15)
 
 
+@pytest.mark.slow
 def test_play_in_the_other_joint():
     loose = replace(NOMINAL, joint_b=replace(NOMINAL.joint_b, clearance=1e-4))
     (found, *_) = suggest_dimensions(traced(loose), [])
