@@ -148,9 +148,13 @@ def begin_guide(search: Search, explanation: Explanation) -> None:
 
     A shoe that rattles is lost at many strikes, so its path is looked for with patience.
     """
-    one, nominal = suggest_guide(search), explanation.nominal
+    try:
+        one = suggest_guide(search)
+    except np.linalg.LinAlgError:
+        return
     if one is None:
         return
+    nominal = explanation.nominal
     explanation.suspected = (one.hypothesis.body, one.hypothesis.direction)
     held, values = beside(nominal, [one.hypothesis], np.array([one.value]))
     model = search.setting.model(held)

@@ -96,7 +96,11 @@ def suggest_dimensions(search: Search, channels: Sequence[str]) -> list[Dimensio
 
 
 def suggest_guide(search: Search) -> Dimension | None:
-    """Play of the slider in its guide, where its own sensor shows rails and the motion agrees with them."""
+    """Play of the slider in its guide, where its own sensor shows rails and the motion agrees with them.
+
+    Raises:
+        LinAlgError: a linkage that does not turn.
+    """
     hypothesis = next((g[0] for g in search.groups.values() if g[0].name == LOOSE_GUIDE), None)
     recordings, alignments, workers = search.recordings, search.alignments, search.workers
     if hypothesis is None or any(VERTICAL not in one.channels for one in recordings):

@@ -70,7 +70,12 @@ def lift(
         stiffness: of one end of the shoe against the guide [N/m].
         sigma: standard deviation of the acceleration's noise [m/s^2].
         period: of the samples [s].
+
+    Raises:
+        LinAlgError: a motion that no linkage makes: it is not finite.
     """
+    if not (np.isfinite(acceleration).all() and np.isfinite(push).all()):
+        raise np.linalg.LinAlgError("the motion across the guide is not finite")
     banded, right = _integrated(acceleration, sigma, period)
     size, side = np.abs(push), -np.sign(push)
     touching = size > _STRUCK * np.quantile(size, 0.99)

@@ -87,3 +87,10 @@ def test_a_gap_without_a_sensor_across_the_guide_is_not_looked_for():
     known = own.aligned(states)
     found = reconstruct(measured, made.parameters(), ("C",), known.speed, known.angle)
     assert found.across.shape == (2, 0)
+
+
+def test_a_motion_that_no_linkage_makes_is_refused():
+    _, _, acceleration = bounce(GAP, 200)
+    acceleration[100] = np.nan
+    with pytest.raises(np.linalg.LinAlgError, match="not finite"):
+        lift(acceleration, acceleration, GAP, STIFFNESS, 1.0, PERIOD)
