@@ -35,13 +35,13 @@ def main(cfg: DictConfig) -> None:
     results.mkdir(parents=True, exist_ok=True)
     write_json(results / "trainings.json", rows)
     if cfg.picture:
-        fresh = read_json(Path(cfg.picture) / FRESH)
+        fresh = read_json(Path(cfg.picture) / FRESH, "picture")
         name = (read_yaml(Path(cfg.picture) / CONFIG) or {}).get("name", "")
         figure = overview(fresh, name)
         write_atomically(results / "overview.png", lambda file: figure.savefig(file, dpi=110))
     blocks = {"results": markdown(rows)}
     if Path(cfg.bench).exists():
-        bench = read_json(Path(cfg.bench))
+        bench = read_json(Path(cfg.bench), "bench")
         write_json(results / "bench.json", bench)
         blocks["bench"] = report.markdown(bench)
     if cfg.readme:

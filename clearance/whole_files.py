@@ -31,12 +31,12 @@ def write_json(path: Path, content: Any) -> None:
     write_atomically(path, lambda file: file.write_text(text + "\n", encoding="utf-8"))
 
 
-def read_json(path: Path) -> Any:
-    """Read plain data; a missing or foreign file is the user's error."""
+def read_json(path: Path, key: str = "checkpoint") -> Any:
+    """Read plain data; a missing or foreign file is the user's error, to be mended by a configuration key."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not a readable file of a training ({error}); set checkpoint") from error
+        raise InputError(f"{path}: not a readable file of a run ({error}); set {key}") from error
 
 
 def read_yaml(path: Path) -> dict[str, Any] | None:

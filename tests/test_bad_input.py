@@ -195,7 +195,7 @@ def cut(path):
         (lambda run: shutil.rmtree(run), "run: no configuration of a model there; set checkpoint"),
         (lambda run: cut(run / "model.ubj"), "model.ubj: not an XGBoost model.*set checkpoint"),
         (lambda run: (run / "model.ubj").unlink(), "model.ubj: not an XGBoost model.*No such file"),
-        (lambda run: cut(run / "calibration.json"), "calibration.json: not a readable file of a training"),
+        (lambda run: cut(run / "calibration.json"), "calibration.json: not a readable file of a run"),
         (lambda run: (run / "scalers.json").write_text("[]"), "not the calibration of a training"),
         (lambda run: (run / "scalers.json").write_text("\\0"), "scalers.json: not a readable file"),
         (lambda run: (run / "config.yaml").write_bytes(b"\xff\xfe"), "config.yaml: not a readable config"),

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from clearance.diagnosis.explain import FAR, HALFWAY, PATIENCE, Explanation, Search, beside, enough
+from clearance.diagnosis.explain import FAR, HALFWAY, PATIENCE, Explanation, Rails, Search, beside, enough
 from clearance.diagnosis.finished import Followed
 from clearance.diagnosis.fit import Model
 from clearance.diagnosis.geometry import GEOMETRIC, LOOSE_GUIDE, suggest_dimensions, suggest_guide
@@ -155,7 +155,7 @@ def begin_guide(search: Search, explanation: Explanation) -> None:
     if one is None:
         return
     nominal = explanation.nominal
-    explanation.suspected = (one.hypothesis.body, one.hypothesis.direction)
+    explanation.rails = Rails(one.value, one.clearance)
     held, values = beside(nominal, [one.hypothesis], np.array([one.value]))
     model = search.setting.model(held)
     values[:, 0] = one.clearance

@@ -46,6 +46,19 @@ _BETTER = 0.8  # of the base's misfit: a model that does not reach that beside i
 _WORSE = 2.0  # of the best misfit so far: a model is given up that follows worse than that
 
 
+@dataclass(frozen=True)
+class Rails:
+    """What the motion alone says of a slider that is loose in its guide.
+
+    Attributes:
+        gap: of free travel on each side [m].
+        clearance: of the joint beside it [m].
+    """
+
+    gap: float
+    clearance: float
+
+
 @dataclass
 class Explanation:
     """What was tried and what came of it.
@@ -55,12 +68,14 @@ class Explanation:
         attempts: hypotheses that were fitted, best first.
         hints: of the first screening.
         suspected: body and direction of a force without a name that explains more than others, if one does.
+        rails: between which the slider moves, if it does.
     """
 
     nominal: Attempt
     attempts: list[Attempt] = field(default_factory=list)
     hints: list[Hint] = field(default_factory=list)
     suspected: tuple[str, str] | None = None
+    rails: Rails | None = None
 
     @property
     def best(self) -> Attempt:

@@ -108,7 +108,7 @@ def _search_all(
 
     def curve() -> None:
         found, misfit = suggest_curve(search, nominal)
-        if found and explanation.suspected is None:
+        if found:
             explanation.suspected = (found[0].body, found[0].direction)
         if misfit < NEARLY or (found and found[0].body == "slider"):
             fit_curve(search, explanation, found)

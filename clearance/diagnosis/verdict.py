@@ -23,6 +23,7 @@ _BLIND, _UNSEEN = (
 _PUSHES = {"torque": "torque", "moment": "moment"}
 _WORSE = 1.02  # and ratio of their levels
 _UNITS = {"crank_angle": "rad", "slider_position": "m", "slider_velocity": "m/s", "time": "s"}
+_SHOWN = 0.15  # of the clearance that the motion shows: by how much it may be wrong
 _NEAR = 2.0  # times the best misfit: models that say as much of the clearance, where none explains
 
 
@@ -132,6 +133,8 @@ def suspicious(explanation: Explanation) -> bool:
 def place_of(explanation: Explanation) -> tuple[str | None, str | None]:
     """Body and direction of what is missing: of what was found, or else of what comes nearest to it."""
     best = explanation.best
+    if explanation.rails is not None and not explained(best):
+        return "slider", "y"
     if best.hypotheses:
         return best.hypotheses[0].body, best.hypotheses[0].direction
     if verdict_of(explanation) == "none":
@@ -169,12 +172,16 @@ def clearance_of(explanation: Explanation) -> Estimate:
     """The clearance [m]: of what explains the recordings, with its interval.
 
     Where nothing does, the interval spans those of all models that are up to twice as far off as the nearest
-    one: what is missing may have moved each of them.
+    one: what is missing may have moved each of them. A slider that leaves its line moves them further than
+    that; then it is the clearance at which the motion agrees between the rails, within what it may err by.
     """
     best = explanation.best
     own = estimates(best)[0]
     if explained(best):
         return own
+    if explanation.rails is not None:
+        shown = explanation.rails.clearance
+        return Estimate(shown, (1.0 - _SHOWN) * shown, (1.0 + _SHOWN) * shown)
     near = [explanation.nominal, *explanation.attempts]
     each = [estimates(a)[0] for a in near if a.misfit <= _NEAR * best.misfit]
     return Estimate(
@@ -211,6 +218,7 @@ def sentences(
             "Something is missing that none of the tried hypotheses explains: the nominal model's errors are "
             f"{held['before']:.3g} times those of a perfect one.",
             f"It shows most in {', '.join(channels)}.{guess}",
+            *_rails(explanation),
         ]
     lines = []
     place = 1
@@ -238,7 +246,8 @@ def sentences(
         place += count
     if verdict == "unknown" and curve is None:
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
-    others = equivalents(explanation)[1:]
+        lines += _rails(explanation)
+    others = equivalents(explanation)[1:] if verdict != "unknown" or curve is not None else []
     if others:
         names = " or ".join(" with ".join(h.name for h in a.hypotheses) for a in others)
         lines.append(f"With these sensors it cannot be told from {names}.")
@@ -247,6 +256,18 @@ def sentences(
         f"{after:.4f} mm."
     )
     return lines
+
+
+def _rails(explanation: Explanation) -> list[str]:
+    """What a slider between rails shows, where no path of such a machine was followed."""
+    rails = explanation.rails
+    if rails is None or explained(explanation.best):
+        return []
+    return [
+        f"The slider itself moves as if between rails, with {rails.gap * 1e6:.3g} µm of free travel on each "
+        f"side and a clearance of {rails.clearance * 1e3:.3f} mm; no such machine could be followed, so it is "
+        "not asserted."
+    ]
 
 
 def located(joints: dict[str, float]) -> list[str]:

@@ -40,7 +40,7 @@ def conceal(
     if sealed.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"sealed = {sealed} lies inside folder = {folder}; set sealed to a folder elsewhere")
     if (folder / COMMITMENT).exists():
-        done: dict[str, Any] = read_json(folder / COMMITMENT)
+        done: dict[str, Any] = read_json(folder / COMMITMENT, "folder")
         if done["scope"] != _plain(scope):
             raise InputError(
                 f"folder = {folder} holds a trial that was drawn otherwise; choose another folder"
@@ -81,7 +81,7 @@ def _plan(scope: Scope, seed: int | None, sealed: Path) -> int:
     path = sealed / _PLAN
     if not path.exists():
         write_private(path, {"seed": secrets.randbits(63) if seed is None else seed, "scope": _plain(scope)})
-    plan = read_json(path)
+    plan = read_json(path, "sealed")
     if plan["scope"] != _plain(scope) or seed not in (None, plan["seed"]):
         raise InputError(
             f"sealed = {sealed} holds the truth of a trial drawn otherwise; choose another sealed"
@@ -95,7 +95,7 @@ def _make(
     """One case: recordings and what the tool is told into the folder, then the truth beside the seal."""
     private = sealed / CASES / f"{index:04d}.json"
     if private.exists():
-        found: dict[str, Any] = read_json(private)
+        found: dict[str, Any] = read_json(private, "sealed")
         return found
     for attempt in range(10):
         try:

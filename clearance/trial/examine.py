@@ -67,11 +67,11 @@ class Examiner:
     def _done(self, place: Path) -> bool:
         if not (place / VERDICT).exists():
             return False
-        return not (self.retry and read_json(place / VERDICT)["failure"])
+        return not (self.retry and read_json(place / VERDICT, "folder")["failure"])
 
     def command(self, folder: Path, name: str) -> list[str]:
         """The command line for a case."""
-        case, told = folder / CASES / name, read_json(folder / CASES / name / CASE)
+        case, told = folder / CASES / name, read_json(folder / CASES / name / CASE, "folder")
         recordings = ",".join(f"'{path.resolve()}'" for path in sorted(case.glob("*.parquet")))
         known = ["frame=flexible", *(f"frame.{key}={value}" for key, value in KNOWN_FRAME.items())]
         return [

@@ -51,7 +51,7 @@ def commit_verdicts(folder: Path) -> str:
     total = digest(json.dumps(hashes, sort_keys=True).encode())
     path = folder / HASHES
     if path.exists():
-        stored = read_json(path)
+        stored = read_json(path, "folder")
         changed = [name for name in names if stored["cases"].get(name) != hashes[name]]
         if changed:
             raise InputError(
@@ -73,7 +73,7 @@ def reveal(folder: Path, sealed: Path) -> tuple[dict[str, Any], list[Revealed]]:
         InputError: if a verdict is missing or anything was changed.
     """
     verdicts = commit_verdicts(folder)
-    published = read_json(folder / COMMITMENT)
+    published = read_json(folder / COMMITMENT, "folder")
     truth = open_seal(sealed, published["sha256"])
     for part in truth["cases"]:
         for name, sha in part["recordings"].items():
@@ -87,4 +87,4 @@ def reveal(folder: Path, sealed: Path) -> tuple[dict[str, Any], list[Revealed]]:
 
 def _revealed(folder: Path, part: dict[str, Any]) -> Revealed:
     case = Case.from_json(part["truth"])
-    return Revealed(case, part["secrets"], **read_json(folder / VERDICTS / case.name / VERDICT))
+    return Revealed(case, part["secrets"], **read_json(folder / VERDICTS / case.name / VERDICT, "folder"))

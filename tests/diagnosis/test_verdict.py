@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis import verdict
-from clearance.diagnosis.explain import Explanation
+from clearance.diagnosis.explain import Explanation, Rails
 from clearance.diagnosis.verdict import (
     Estimate,
     _covariance,
     clearance_of,
     equivalents,
+    place_of,
+    sentences,
     verdict_of,
     withdraw,
 )
@@ -69,6 +71,30 @@ def test_where_nothing_explains_the_clearance_spans_what_comes_near(misfit, expe
     far = attempt(["torque_ripple"], 2.1 * misfit)
     found = clearance_of(Explanation(attempt([], 50.0), [attempt(["gravity"], misfit), *near, far]))
     assert (found.value, found.low, found.high) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("misfit", "followed"), [(1.0, True), (40.0, False)])
+def test_rails_that_the_motion_shows_count_where_nothing_is_followed(misfit, followed, monkeypatch):
+    monkeypatch.setattr(verdict, "estimates", lambda _: [Estimate(5e-4, 4.9e-4, 5.1e-4)])
+    best = attempt(["gravity"], misfit)
+    best.hypotheses[0].body, best.hypotheses[0].direction = "rod", "x"
+    explanation = Explanation(attempt([], 50.0), [best], rails=Rails(7e-5, 1e-4))
+    found = clearance_of(explanation)
+    assert place_of(explanation) == (("rod", "x") if followed else ("slider", "y"))
+    expected = (5e-4, 4.9e-4, 5.1e-4) if followed else (1e-4, 0.85e-4, 1.15e-4)
+    assert (found.value, found.low, found.high) == pytest.approx(expected)
+
+
+def test_rails_that_the_motion_shows_are_told_and_not_asserted():
+    nominal = attempt([], 50.0)
+    nominal.fit.values = np.array([[5e-4, 700.0]])
+    explanation = Explanation(nominal, rails=Rails(7e-5, 1e-4))
+    fit = {"held_out": {"before": 9.0, "after": 9.0}}
+    told = sentences("unknown", explanation, "C", fit, ["slider_vertical"])
+    assert "acts on the slider (y)" in told[1]
+    assert "70 µm" in told[2]
+    assert "0.100 mm" in told[2]
+    assert "not asserted" in told[2]
 
 
 def test_an_effect_that_may_as_well_be_off_is_withdrawn(monkeypatch):
