@@ -265,8 +265,8 @@ def _rails(explanation: Explanation) -> list[str]:
         return []
     return [
         f"The slider itself moves as if between rails, with {rails.gap * 1e6:.3g} µm of free travel on each "
-        f"side and a clearance of {rails.clearance * 1e3:.3f} mm; no such machine could be followed, so it is "
-        "not asserted."
+        f"side and a clearance of {rails.clearance * 1e3:.3f} mm; no such machine could be followed, so it "
+        "is not asserted."
     ]
 
 
