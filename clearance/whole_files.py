@@ -1,6 +1,8 @@
 """Files of plain data that are written whole or not at all."""
 
+import contextlib
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,17 +14,35 @@ from clearance.errors import InputError
 
 
 def write_atomically(path: Path, write: Callable[[Path], Any]) -> None:
-    """Let ``write`` fill a neighbour of ``path``, then rename it: readers see the old file or the new one."""
+    """Let ``write`` fill a neighbour of ``path``, then rename it: readers see the old file or the new one.
+
+    Both are on the disk when this returns: a loss of power after it loses nothing.
+
+    Raises:
+        InputError: the disk is full, or the folder is missing or not to be written to.
+    """
     temporary = path.with_name(f".{path.stem}.{uuid4().hex}{path.suffix}")
     try:
         write(temporary)
+        _on_disk(temporary)
         temporary.replace(path)
+        _on_disk(path.parent)
     except OSError as error:
         raise InputError(
-            f"{path}: cannot be written ({error.strerror or error}); make room or set the output folder"
+            f"{path}: not written ({error.strerror or error}); make room or name another folder"
         ) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+
+
+def _on_disk(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -354,5 +354,5 @@ def test_simulate_on_a_full_disk_says_so_and_goes_on_when_there_is_room(refused,
 
 def test_train_on_a_full_disk_says_so(refused, small_disk):
     (small_disk / "filler").write_bytes(bytes(4096 * (os.statvfs(small_disk).f_bavail - 3)))
-    refused("train", "(No space left|cannot be written).*", *TREES, f"folder={small_disk / 'training'}")
+    refused("train", "No space left.*", *TREES, f"folder={small_disk / 'training'}")
     assert not (small_disk / "training/metrics.json").exists()

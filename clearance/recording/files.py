@@ -5,11 +5,8 @@ module wrote reads back exactly: values, rate, start and metadata. Writing is at
 or not at all.
 """
 
-import contextlib
-import errno
 import json
 import os
-import secrets
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from datetime import date, datetime
@@ -29,9 +26,9 @@ from clearance.recording.declaration import Declaration, read_declaration
 from clearance.recording.recording import Recording
 from clearance.recording.tables import FORMATS, Table, read_table
 from clearance.recording.timing import TimeBase, uniform_time_base
+from clearance.whole_files import write_atomically
 
 _FORMAT_VERSION = 1
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def read(path: str | os.PathLike[str]) -> Recording:
@@ -69,7 +66,8 @@ def write(
         raise InputError(f"{target}: recordings are written as Parquet; give a name that ends in .parquet")
     if precision not in ("float64", "float32"):
         raise InputError(f"precision: {precision!r} is not known; choose float64 or float32")
-    _write_whole(target, _serialised(recording, precision))
+    content = _serialised(recording, precision)
+    write_atomically(target, lambda file: file.write_bytes(content))
 
 
 def _require_readable(source: Path) -> None:
@@ -261,27 +259,3 @@ def _plain(value: Any, key: str) -> Any:
     raise InputError(
         f"{key}: {type(value).__name__} cannot be written; give numbers, text, lists or mappings"
     )
-
-
-def _write_whole(target: Path, content: memoryview) -> None:
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(6)}.tmp")
-    try:
-        # "x" and not tempfile: the file gets the permissions that the user's umask gives.
-        with temporary.open("xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        if error.errno in _FULL:
-            reason = f"{reason}: {len(content)} bytes are needed"
-        raise InputError(f"{target}: not written ({reason}); make room or give another path") from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-    folder = os.open(target.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
