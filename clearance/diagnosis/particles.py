@@ -17,8 +17,7 @@ from clearance.diagnosis.follow import EDGE, Follower
 
 _DRAWN = 32  # states
 _SPREADS = (1.0, 4.0)  # factors on what is known of them, in turn
-_CORRECTED = 3  # of them, nearest first
-_FINISHED = 1  # of these, as they were corrected roughly
+_CORRECTED = 3  # of them, nearest first; roughly, then the best one of them to the end
 _ROUGH = 3.0  # factor on the noise, to correct them at first
 _ITERATIONS, _GOAL = 4, 1.05
 _KNOWN = 2  # segments before the lost one whose samples tell the state, beyond those at the edge
@@ -81,14 +80,13 @@ def rejoin(follower: Follower, fixed: Model, first: int, last: int, lost: int, l
             follower.path.nodes[:], follower.path.inputs[:] = drawn[i], begin.inputs
             found = correct(_ROUGH)
             roughly.append((found.cost, follower.path.copy()))
-        for _, path in sorted(roughly, key=lambda one: one[0])[:_FINISHED]:
-            follower.path = path
-            correct(1.0)
-            cost, high = judge()
-            if cost < least:
-                least, worst, best = cost, high, follower.path.copy()
-            if worst < limit:
-                follower.path = best
-                return True
+        follower.path = min(roughly, key=lambda one: one[0])[1]
+        correct(1.0)
+        cost, high = judge()
+        if cost < least:
+            least, worst, best = cost, high, follower.path.copy()
+        if worst < limit:
+            follower.path = best
+            return True
     follower.path = best
     return False

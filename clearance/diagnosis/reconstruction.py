@@ -175,7 +175,7 @@ def _across(
 
 def _lifted(p: np.ndarray, measured: Measured, across: np.ndarray) -> Lift | None:
     """How a slider that is loose in its guide moves across it, where its sensor tells."""
-    if p[Parameter.GUIDE_STIFFNESS] <= 0.0 or not across.size:
+    if p[Parameter.GUIDE_STIFFNESS] <= 0.0 or p[Parameter.GUIDE_GAP] <= 0.0 or not across.size:
         return None
     sigma = measured.sigma[measured.signals.index(Signal.SLIDER_VERTICAL)]
     gap, stiffness = p[Parameter.GUIDE_GAP], p[Parameter.GUIDE_STIFFNESS]

@@ -94,3 +94,13 @@ def test_a_motion_that_no_linkage_makes_is_refused():
     acceleration[100] = np.nan
     with pytest.raises(np.linalg.LinAlgError, match="not finite"):
         lift(acceleration, acceleration, GAP, STIFFNESS, 1.0, PERIOD)
+
+
+def test_a_guide_without_free_travel_leaves_the_slider_on_its_line(monkeypatch):
+    monkeypatch.setattr(own, "SENSORS", (*own.SENSORS, Signal.SLIDER_VERTICAL))
+    made = own.machine("C", 1e-4, guide=LooseGuide(gap=0.0))
+    measured, states = own.recorded(made)
+    known = own.aligned(states)
+    found = reconstruct(measured, made.parameters(), ("C",), known.speed, known.angle, 600)
+    assert np.isfinite(found.nodes).all()
+    assert np.abs(found.nodes[:, State.SLIDER_Y]).max() < 2e-5
