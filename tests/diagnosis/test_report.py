@@ -223,5 +223,5 @@ def test_a_report_replaces_the_old_one_at_once_or_says_why_not(tmp_path):
     write_report(path, {"verdict": "none"}, {})
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert [found.name for found in tmp_path.iterdir()] == ["report.html"]
-    with pytest.raises(InputError, match=r"report\.html: cannot be written"):
+    with pytest.raises(InputError, match=r"report\.html: not written"):
         write_report(tmp_path / "missing" / "report.html", {}, {})
