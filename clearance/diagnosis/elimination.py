@@ -108,7 +108,8 @@ def eliminate(
         kept: (segments, nv, 3 nv + P + 1) written: eliminated rows, for the substitution.
         gram: (P + 1, P + 1) added to: inner products of what is left of [sensitivity, residual].
         parts: (segments, P) written: each segment's share of the gram's last column.
-        innovation: (segments, rows) written: residual against the prediction from earlier blocks.
+        innovation: (segments, rows) written: residual against the prediction from earlier blocks; none
+            where it is empty.
         spread: (segments, rows) written: its standard deviation.
     """
     segments, nz, width = flow.shape
@@ -145,7 +146,8 @@ def eliminate(
             for j in range(parameters):
                 b[i, n + j] = sensitivity[k, i, j]
             b[i, last] = residual[k, i]
-        _predict(r, b, n, half, innovation[k], spread[k])
+        if innovation.shape[0] > 0:
+            _predict(r, b, n, half, innovation[k], spread[k])
         _reflect(r, b, rows, n, total)
         for i in range(rows):
             for j in range(n, total):

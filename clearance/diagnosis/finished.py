@@ -24,7 +24,7 @@ from clearance.diagnosis.growth import Start
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.reconstruction import Reconstruction
-from clearance.diagnosis.search import INTEGRATOR, Attempt
+from clearance.diagnosis.search import COARSE, FINE, Attempt
 from clearance.diagnosis.trace import Alignment, Profile, Trace
 from clearance.errors import InputError
 from clearance.provenance import fingerprint
@@ -182,6 +182,7 @@ class Finished:
             packed[f"{i} place"] = np.array([r, measured.first - self.recordings[r].first])
             packed[f"{i} nodes"], packed[f"{i} inputs"] = follower.path.nodes, follower.path.inputs
             packed[f"{i} sigma"] = follower.input_sigma
+            packed[f"{i} fine"] = np.array(follower.integrator == FINE)
         return packed
 
     def _followers(self, kept: Arrays) -> list[Follower]:
@@ -190,7 +191,8 @@ class Finished:
             r, first = map(int, kept[f"{key}place"])
             nodes = kept[f"{key}nodes"]
             measured = self.recordings[r].part(first, first + len(nodes))
-            follower = Follower(measured, INTEGRATOR, kept[f"{key}sigma"])
+            integrator = FINE if kept[f"{key}fine"] else COARSE
+            follower = Follower(measured, integrator, kept[f"{key}sigma"])
             follower.path = follow.Path(nodes, kept[f"{key}inputs"])
             followers.append(follower)
         return followers

@@ -152,9 +152,14 @@ class Fit(Settled):
 
 
 def observe(
-    followers: Sequence[Follower], model: Model, values: np.ndarray, workers: int = 2, **options: object
+    followers: Sequence[Follower],
+    model: Model,
+    values: np.ndarray,
+    workers: int = 2,
+    forces: bool = True,
+    **options: object,
 ) -> list[Pass]:
-    """Linearise all recordings about their present paths."""
+    """Linearise all recordings about their present paths; ``forces``: in small unknown forces, too."""
 
     def one(job: tuple[Follower, np.ndarray]) -> Pass:
         follower, own = job
@@ -164,6 +169,7 @@ def observe(
             machines,
             model.instrument(own),
             faults,
+            forces=forces or follower.forced,
             **options,  # type: ignore[arg-type]
         )
 
@@ -299,12 +305,12 @@ def settle(
     for iteration in range(iterations):
         if cost < goal * samples:
             break
-        passes = observe(followers, model, values, workers, **options)
+        passes = observe(followers, model, values, workers, forces=False, **options)
         paths = [f.path.copy() for f in followers]
         best: tuple[float, list[Path], list[Comparison], np.ndarray] | None = None
         for _ in range(tries):
             for one, held in zip(passes, local, strict=True):
-                one.solve(np.maximum(damping, held))
+                one.solve(np.maximum(damping, held), judged=False)
             information, score = assemble(passes, model, values)
             information += np.diag(damping * _stiffness(model, values) + away.weight)
             score -= away.weight * away.distance(values)
@@ -392,9 +398,9 @@ def _corrected(
     length and by much in force, and one more step of the path alone sets it right (second-order correction,
     Nocedal & Wright, Numerical Optimization, 2006, ch. 15.6).
     """
-    passes = observe(followers, model, moved, workers, **options)
+    passes = observe(followers, model, moved, workers, forces=False, **options)
     for follower, one, held in zip(followers, passes, local, strict=True):
-        one.solve(np.maximum(damping, held))
+        one.solve(np.maximum(damping, held), judged=False)
         follower.move(one.change(np.zeros(len(model.unknowns))), one.chart, first)
     return compare(followers, model, moved, workers, **options)
 

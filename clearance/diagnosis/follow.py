@@ -37,6 +37,8 @@ INPUTS: tuple[Parameter, ...] = (
 )
 """Unknown forces, one for each coordinate that the sensors can tell apart."""
 
+TIGHT = np.array([1e-3, 1e-3, 1e-2])  # N m, N m, N: unknown forces that a right model does not need
+
 
 @dataclass
 class Path:
@@ -123,8 +125,13 @@ class Pass(Comparison):
     spread: np.ndarray = field(init=False)
     kept: np.ndarray = field(init=False)
 
-    def solve(self, damping: float | np.ndarray = 0.0) -> "Pass":
-        """Eliminate the states, each held where it is with a weight (Levenberg), one or one a segment."""
+    def solve(self, damping: float | np.ndarray = 0.0, judged: bool = True) -> "Pass":
+        """Eliminate the states.
+
+        Args:
+            damping: weight that holds each where it is (Levenberg), one or one a segment.
+            judged: whether innovations are wanted.
+        """
         flow, defect, inputs, own, prior, held, jacobian, sensitivity, residual = self.system
         n, rows, parameters = sensitivity.shape
         nv = jacobian.shape[3]
@@ -132,12 +139,12 @@ class Pass(Comparison):
         self.kept = np.zeros((n, nv, 3 * nv + parameters + 1))
         self.gram = np.zeros((parameters + 1, parameters + 1))
         self.parts = np.zeros((n, parameters))
-        innovation, spread = np.zeros((n, rows)), np.ones((n, rows))
+        shape = self.residual.shape if judged else (0, *self.residual.shape[1:])
+        innovation, spread = np.zeros((shape[0], rows)), np.ones((shape[0], rows))
         eliminate(
             flow, defect, inputs, own, prior, held, jacobian, sensitivity, residual, self.kept, self.gram,
             self.parts, innovation, spread,
         )  # fmt: skip
-        shape = self.residual.shape
         self.innovation, self.spread = innovation.reshape(shape), spread.reshape(shape)
         return self
 
@@ -182,6 +189,11 @@ class Follower:
     def segments(self) -> int:
         """Number of segments."""
         return len(self.measured.values)
+
+    @property
+    def forced(self) -> bool:
+        """Whether unknown forces may be large enough to be found together with the path."""
+        return bool((self.input_sigma > TIGHT).any())
 
     def part(self, first: int, last: int) -> "Follower":
         """A follower of segments ``first`` to ``last`` alone, with its own copy of their path."""
@@ -228,6 +240,7 @@ class Follower:
         looseness: float = 1.0,
         doubt: float = 1.0,
         inside: bool = False,
+        forces: bool = True,
     ) -> Pass:
         """Linearise segments ``first`` to ``last`` about the present path.
 
@@ -242,10 +255,11 @@ class Follower:
             looseness: factor on the process noise.
             doubt: factor on how far the first node may be wrong.
             inside: whether the path is known on both sides.
+            forces: whether the unknown forces are among the unknowns.
         """
         last = self.segments if last is None else last
         chart = Chart.of(machine)
-        nz, nw, parameters = len(chart.rows), len(INPUTS), len(columns)
+        nz, nw, parameters = len(chart.rows), len(INPUTS) if forces else 0, len(columns)
         nv, n = nz + nw, last - first
         channels = len(self.measured.signals)
         flow = np.zeros((n, nz, nv + parameters))
@@ -289,7 +303,7 @@ class Follower:
         if inside:
             held[-1] = _FAST
         system = (
-            flow, seen.defect * kink, self.path.inputs[first:last] / self.input_sigma, own,
+            flow, seen.defect * kink, (self.path.inputs[first:last] / self.input_sigma)[:, :nw], own,
             chart.doubt(self.path.nodes[first]) * doubt, held, blocks,
             np.ascontiguousarray(direct.reshape(n, rows, parameters)),
             (seen.residual / scale * used).reshape(n, rows),
@@ -342,11 +356,12 @@ class Follower:
         return self._run(machine, nodes, inputs, signals)[0]
 
     def move(self, change: np.ndarray, chart: Chart, first: int = 0) -> None:
-        """Apply a change (segments, nz + inputs) of the unknowns."""
+        """Apply a change (segments, nz + inputs) of the unknowns, or of the nodes alone."""
         nz = len(chart.rows)
         part = slice(first, first + len(change))
         self.path.nodes[part] = chart.moved(self.path.nodes[part], change[:, :nz])
-        self.path.inputs[part] += change[:, nz:] * self.input_sigma
+        if change.shape[1] > nz:
+            self.path.inputs[part] += change[:, nz:] * self.input_sigma
 
     def _differentiate(
         self,
@@ -360,13 +375,12 @@ class Follower:
         shared: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Fill the derivatives, ``WIDTH`` - 1 of them a run; flow in SI units."""
-        nz, filtered = len(chart.rows), self.measured.filtered
-        nv = nz + len(INPUTS)
+        nv, filtered = jacobian.shape[4], self.measured.filtered
         tasks = [*range(nv), *(nv + i for i, column in enumerate(columns) if column is not None)]
         nominal = None
         for begin in range(0, max(len(tasks), 1), WIDTH - 1):
             group = tasks[begin : begin + WIDTH - 1]
-            ends, contacts, blocks, samples = self._shoot(machine, columns, group, first, last, chart)
+            ends, contacts, blocks, samples = self._shoot(machine, columns, group, nv, first, last, chart)
             if nominal is None:
                 nominal = ends[:, 0].copy(), contacts
             n = len(ends)
@@ -384,12 +398,12 @@ class Follower:
         machine: SliderCrank,
         columns: Sequence[SliderCrank | None],
         tasks: Sequence[int],
+        free: int,
         first: int,
         last: int,
         chart: Chart,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         nz = len(chart.rows)
-        free = nz + len(INPUTS)
         varying = {task: column for task in tasks if task >= free and (column := columns[task - free])}
         codes, p = _joint_codes([machine, *varying.values()]), aligned(len(machine.parameters()))
         p[:] = machine.parameters()[:, None]

@@ -43,8 +43,9 @@ def rejoin(follower: Follower, fixed: Model, first: int, last: int, lost: int, l
     begin, best = follower.path.copy(), follower.path.copy()
     place = max(lost - 1, first + EDGE)  # where the draws are taken
     known = follower.look(
-        machine, (), instrument, first=first, last=min(place + _KNOWN, last), doubt=0.1
-    ).solve()  # fmt: skip
+        machine, (), instrument, first=first, last=min(place + _KNOWN, last), doubt=0.1,
+        forces=follower.forced,
+    ).solve(judged=False)  # fmt: skip
 
     def judge() -> tuple[float, float]:
         seen = follower.compare(machine, instrument, first, last)

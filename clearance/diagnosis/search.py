@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clearance.diagnosis.fit import Fit, Model, fit
-from clearance.diagnosis.follow import EDGE, Follower
+from clearance.diagnosis.follow import EDGE, TIGHT, Follower
 from clearance.diagnosis.horizon import islands, mend
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.simulation.integrator import Integrator
@@ -14,10 +14,10 @@ from clearance.simulation.integrator import Integrator
 ANNEALING = (100.0, 31.6, 10.0, 3.16, 1.0)  # factors on the noise while a guess is far from a solution
 FOLLOWED = 2.5  # robust cost a sample: above, a model does not follow at this scale of the noise
 EXPLAINED = 1.35  # and up to which nothing is left to explain
-TIGHT = np.array([1e-3, 1e-3, 1e-2])  # N m, N m, N: unknown forces that a right model does not need
 LOOSENESS = 0.15  # of the joint's typical force: unknown forces while a path is looked for
 POOR = 3.0  # misfit up to which a model is not given up on the way, whatever others reach
-INTEGRATOR = Integrator("runge_kutta_4", 1e-5, 2)
+COARSE = Integrator("runge_kutta_4", 1e-5, 1)  # while a path is looked for: half the work
+FINE = Integrator("runge_kutta_4", 1e-5, 2)  # of what is asserted: errors far below the noise
 _LOOKS = 3  # at most, to put torn impacts together
 _APART, _SOME = 3.0, 0.01  # cost a sample of a segment that is not followed; share of these that may be
 _TORN, _MANY, _NEAR = 2.0, 0.3, 5  # cost a sample; share of segments; segments fitted with a torn one
@@ -81,6 +81,8 @@ def refine(
     best: Attempt | None = None
     for s in [scale, *[a for a in ANNEALING if a < 0.9 * scale]]:
         paths = [f.path.copy() for f in own]
+        for follower in own:
+            follower.integrator = integrator_at(s)
         found = fit(own, model, values, iterations, 1e-2, workers, scale=s)
         level = found.level
         if patient and best is not None and level > EXPLAINED:
@@ -98,12 +100,17 @@ def refine(
                 best = Attempt(tuple(hypotheses), model, found, s, level, own)
             else:
                 for follower, path in zip(own, paths, strict=True):
-                    follower.path = path
+                    follower.path, follower.integrator = path, integrator_at(best.scale)
             break
         values = found.values
         best = Attempt(tuple(hypotheses), model, found, s, level, own)
     assert best is not None
     return best if best.scale > 1.0 else polish(_converged(best, workers), workers)
+
+
+def integrator_at(scale: float) -> Integrator:
+    """How segments are run at a scale of the noise."""
+    return FINE if scale <= 1.0 else COARSE
 
 
 def _converged(attempt: Attempt, workers: int) -> Attempt:

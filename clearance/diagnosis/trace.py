@@ -11,7 +11,7 @@ from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT, SAMPLES, Measured
 from clearance.diagnosis.reconstruction import Reconstruction, reconstruct
-from clearance.diagnosis.search import INTEGRATOR
+from clearance.diagnosis.search import COARSE
 from clearance.errors import InputError
 from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
@@ -182,7 +182,7 @@ class Trace:
         first = _SKIPPED
         last = min(_SKIPPED + self.length + self.margin, len(self.path.nodes) - _SKIPPED)
         forces = self.forces(looseness)
-        follower = Follower(self.measured.part(first, last), INTEGRATOR, forces)
+        follower = Follower(self.measured.part(first, last), COARSE, forces)
         follower.path.nodes[:] = self.path.nodes[first:last]
         follower.path.nodes[:, State.TIME] = self.measured.segment * np.arange(last - first)
         return follower
