@@ -5,7 +5,18 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from clearance.diagnosis.explain import FAR, HALFWAY, PATIENCE, Explanation, Rails, Search, beside, enough
+from clearance.diagnosis.balance import suggest_forces
+from clearance.diagnosis.explain import (
+    FAR,
+    HALFWAY,
+    NEARLY,
+    PATIENCE,
+    Explanation,
+    Rails,
+    Search,
+    beside,
+    enough,
+)
 from clearance.diagnosis.finished import Followed
 from clearance.diagnosis.fit import Model
 from clearance.diagnosis.geometry import GEOMETRIC, LOOSE_GUIDE, suggest_dimensions, suggest_guide
@@ -55,6 +66,33 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
     ]
     drives = [group for group in _judged_elsewhere(search.others(base)) if group[0].name == _DRIVE]
     _try_out(search, explanation, base, [*groups, *drives], None)
+
+
+def begin_balanced(search: Search, explanation: Explanation) -> None:
+    """Fit effects that give the torque which the motion needs, where the path is not near."""
+    nominal = explanation.nominal
+    if nominal.misfit < NEARLY:
+        return
+    try:
+        suggested = suggest_forces(search)
+    except np.linalg.LinAlgError:
+        return
+    surest = int(np.argmin([start.doubt for start in search.starts]))
+    known: list[set[str]] = []
+    for one in suggested:
+        names = {h.name for h in one.hypotheses}
+        if names in known:
+            continue
+        known.append(names)
+        held, values = beside(nominal, one.hypotheses, one.values)
+        row = values[surest]
+        row[0] = search.profile.best
+        search.keep(
+            explanation, held,
+            lambda held=held, row=row: _everywhere(search, held, row, surest, nominal, True),  # type: ignore[misc]
+        )  # fmt: skip
+        if explained(explanation.best) or search.late() or len(known) == _FITTED:
+            return
 
 
 def begin_film(search: Search, explanation: Explanation) -> None:
@@ -200,19 +238,24 @@ def _anew(search: Search, model: Model, row: np.ndarray, r: int, patience: int =
 
 
 def _everywhere(
-    search: Search, held: Sequence[Hypothesis], row: np.ndarray, surest: int, base: Attempt
+    search: Search,
+    held: Sequence[Hypothesis],
+    row: np.ndarray,
+    surest: int,
+    base: Attempt,
+    anew: bool = False,
 ) -> Attempt | None:
     """Fit to all recordings what the surest one suggests, again on the paths that this gives while it helps.
 
     What speed a drive is asked for, and its integral, follow from the torque by the drive's own gains: paths
-    are sought anew with another drive.
+    are sought anew with another drive; with ``anew`` they are from the first look on.
     """
     model, drive = search.setting.model(held), held[-1].name == _DRIVE
     rattling = held[-1].name == LOOSE_GUIDE
     best: Attempt | None = None
     for look in range(_LOOKS):
 
-        def begin(r: int, row: np.ndarray = row, again: bool = look > 0) -> Start:
+        def begin(r: int, row: np.ndarray = row, again: bool = anew or look > 0) -> Start:
             if again or rattling or (drive and r != surest):
                 return _anew(search, model, row, r, PATIENCE if rattling else 0)
             return _begun(search, held[-1], model, row, r)
@@ -221,7 +264,7 @@ def _everywhere(
             starts = list(pool.map(begin, range(len(search.starts))))
         values = np.repeat(row[None], len(starts), axis=0)
         for r, start in enumerate(starts):
-            if look or r != surest:
+            if anew or look or r != surest:
                 values[r, -1] = start.trace.speed
         found = search.grown(held, values, starts, base=base, patient=rattling)
         if found is None or (best is not None and not found.misfit < best.misfit):

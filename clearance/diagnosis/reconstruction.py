@@ -61,6 +61,8 @@ class Reconstruction:
         speed: that the drive seems to be asked for [rad/s].
         across: (2, samples) acceleration of the slider across its guide [m/s^2] and the guide's force on it
             [N]; no samples where no sensor tells.
+        turning: (5, samples) angle [rad], speed [rad/s] and acceleration [rad/s^2] of the crank, torque that
+            the motion needs [N m], force in the loose joint [N]; no samples where it was read from a file.
     """
 
     nodes: np.ndarray
@@ -68,6 +70,7 @@ class Reconstruction:
     force: float
     speed: float
     across: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)))
+    turning: np.ndarray = field(default_factory=lambda: np.zeros((5, 0)))
 
 
 def reconstruct(
@@ -159,7 +162,11 @@ def reconstruct(
         weight = parameters[Parameter.SLIDER_MASS] * (parameters[Parameter.GRAVITY_Y] + state[:, GRAVITY_Y])
         _lay(nodes, parameters, weight - felt.force_c[:, 1], period)
     across = _across(parameters, measured, values, felt, state)
-    return Reconstruction(nodes, float(cost), force, asked, across)
+    turning = np.stack([
+        state[:, CRANK_ANGLE], state[:, CRANK_SPEED], inputs[:, 0], state[:, TORQUE] - felt.imbalance,
+        np.hypot(*_bearing_force(felt, joints[0]).T),
+    ])  # fmt: skip
+    return Reconstruction(nodes, float(cost), force, asked, across, turning)
 
 
 def _across(

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from clearance.diagnosis.elsewhere import (
+    begin_balanced,
     begin_dimensions,
     begin_elsewhere,
     begin_film,
@@ -29,8 +30,9 @@ def find_explanation(
 ) -> None:
     """Find what explains the recordings, with as few effects as it takes.
 
-    Single effects come first that promise much of what is missing; then dimensions and faulty sensors that
-    the motion alone points at; then effects and faults that promise a good part. Beside one that explains a
+    Where the path is not near, effects come first that give the torque which the motion needs. Then single
+    effects that promise much of what is missing; dimensions and faulty sensors that the motion alone points
+    at; effects and faults that promise a good part. Beside one that explains a
     good part, the next one. Then effects that promised little, since beside a path that is far from right
     none promises much; forces of free form on the slider, or with which one recording is nearly explained;
     effects that no linear look can judge; faults that promised little; pairs of which neither shows without
@@ -62,6 +64,9 @@ def _search_all(
     prospects = look(search, explanation, nominal)
     built_on: list[Attempt] = []
     waiting: list[Curve] = []
+
+    def balance() -> None:
+        begin_balanced(search, explanation)
 
     def plain() -> None:
         widen(search, explanation, nominal, prospects.plain)
@@ -128,8 +133,8 @@ def _search_all(
         fit_curve(search, explanation, waiting)
 
     steps = (
-        plain, motion, build_on, likely, build_on, unlikely, build_on, curve, elsewhere, build_on,
-        unlikely_faults, build_on, pair, build_on, other_curve,
+        balance, build_on, plain, motion, build_on, likely, build_on, unlikely, build_on, curve, elsewhere,
+        build_on, unlikely_faults, build_on, pair, build_on, other_curve,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):
