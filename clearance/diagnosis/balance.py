@@ -16,21 +16,21 @@ from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from clearance.compilation import entry
 from clearance.diagnosis.explain import Search
 from clearance.diagnosis.geometry import GEOMETRIC
-from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.diagnosis.hypothesis import SMALLEST_CLEARANCE, Hypothesis
 from clearance.diagnosis.measured import SAMPLES
 from clearance.diagnosis.reconstruction import reconstruct
-from clearance.diagnosis.trace import loose
+from clearance.diagnosis.trace import CLEARANCES, COMPARED, agreement, loose
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import CONSTANTS
-from clearance.mechanism.drive import Drive, Free, SpeedControl
+from clearance.mechanism.drive import Drive, Free, Smooth, SpeedControl
 from clearance.mechanism.frame import FixedFrame
-from clearance.mechanism.guide import FrictionlessGuide, IdealGuide
+from clearance.mechanism.guide import IdealGuide
 from clearance.mechanism.link import RigidRod
-from clearance.mechanism.load import Idle, NoSpring
 from clearance.mechanism.parameters import JOINT_STRIDE, Family, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.batch import aligned
@@ -41,7 +41,7 @@ from clearance.simulation.layout import RESULTS, STATES, Result, State
 _EDGE = 3  # bins at both ends, which the smoother knows from one side only
 _ROBUST = 2.0  # times the scatter beyond which a bin loses weight
 _BALANCED = 3.0  # mean square in units of the scatter up to which nothing is missing here
-_LEFT = 0.5  # of it: an effect that leaves more is not suggested
+_LEFT = 0.7  # of it: an effect that leaves more is not suggested
 _BOTH = 0.4  # of what the better one of two leaves: they are suggested together
 _PROMISING = 0.9  # of the imbalance: what leaves less may be one of two
 _FIRST = 2  # single effects beside which a second one is looked for
@@ -49,6 +49,7 @@ _ITERATIONS, _REWEIGHTED = 12, 4
 _SETTLED = 1e-3  # share by which the cost still falls
 _PRICE = 0.02  # of what is left, for each parameter
 _SHOWN = 3
+_WITHIN, _CLOSER = 0.7, 10  # of the clearance's logarithm; clearances that are compared there
 _TORQUE = 1e-3  # N m, that tells how much turning the crank takes
 
 
@@ -81,11 +82,13 @@ class Balanced:
         hypotheses: one or two.
         values: (unknowns,) of their parameters.
         cost: robust mean square of what is left, in units of its scatter.
+        clearance: of the joint beside them [m].
     """
 
     hypotheses: tuple[Hypothesis, ...]
     values: np.ndarray
     cost: float
+    clearance: float
 
     @property
     def label(self) -> str:
@@ -102,7 +105,7 @@ def suggest_forces(search: Search) -> list[Balanced]:
     Raises:
         LinAlgError: a linkage that does not turn.
     """
-    balance = _Balance(search)
+    balance = _Balance(search, search.setting.with_clearance(search.profile.best), search.profile.best)
     before = balance.fit((), np.zeros(0)).cost
     if before < _BALANCED:
         return []
@@ -133,12 +136,46 @@ def suggest_forces(search: Search) -> list[Balanced]:
     return found
 
 
+def settle_in(search: Search, one: Balanced) -> Balanced:
+    """The same, when clearance and path have been sought anew with the loads that it puts on the links.
+
+    Where the slider is pushed, the journal lies elsewhere than the nominal machine's motion would have it.
+
+    Raises:
+        InputError: a law does not take the values.
+        LinAlgError: a linkage that does not turn.
+    """
+
+    if all(hypothesis.body == "crank" for hypothesis in one.hypotheses):
+        return one
+
+    def machine(clearance: float) -> SliderCrank:
+        made, place = search.setting.with_clearance(clearance), 0
+        for hypothesis in one.hypotheses:
+            count = len(hypothesis.unknowns)
+            made = hypothesis.apply(made, one.values[place : place + count])
+            place += count
+        return made
+
+    def disagree(size: float) -> float:
+        made = [machine(float(np.exp(size)))]
+        return float(agreement(search.recordings, search.alignments, made, COMPARED, search.workers)[0])
+
+    middle = np.log(one.clearance)
+    low = max(middle - _WITHIN, np.log(SMALLEST_CLEARANCE))
+    found = minimize_scalar(
+        disagree, method="bounded", bounds=(low, min(middle + _WITHIN, np.log(CLEARANCES[-1]))),
+        options={"maxiter": _CLOSER},
+    )  # fmt: skip
+    clearance = float(np.exp(found.x))
+    return _Balance(search, machine(clearance), clearance).fit(one.hypotheses, one.values)
+
+
 class _Balance:
     """The torques that recordings need, beside those that a machine would give."""
 
-    def __init__(self, search: Search) -> None:
-        self.search, self.clearance = search, search.profile.best
-        machine = search.setting.with_clearance(search.profile.best)
+    def __init__(self, search: Search, machine: SliderCrank, clearance: float) -> None:
+        self.search, self.clearance = search, clearance
         period = SAMPLES / search.recordings[0].chain.rate
         self.turnings: list[Turning] = []
         for measured, known in zip(search.recordings, search.alignments, strict=True):
@@ -146,9 +183,7 @@ class _Balance:
             rows = path.turning[:, : path.turning.shape[1] // SAMPLES * SAMPLES]
             rows = rows.reshape(len(rows), -1, SAMPLES).mean(axis=2)[:, _EDGE:-_EDGE]
             self.turnings.append(Turning(period * np.arange(rows.shape[1]), *rows))
-        bare = replace(
-            machine, drive=Free(), guide_friction=FrictionlessGuide(), spring=NoSpring(), process=Idle()
-        )
+        bare = replace(machine, drive=Free(), ripple=Smooth())
         self.beyond = []  # what the play of the journals needs beyond the ideal motion [N m]
         for turning in self.turnings:
             inertia, acceleration = _answer(bare, turning)
@@ -194,7 +229,8 @@ class _Balance:
                 known = np.linalg.lstsq(offsets * weight[:, None], left * weight, rcond=None)[0]
                 size = np.abs(left - offsets @ known) / self.scatter
                 weight = np.sqrt(_ROBUST / np.maximum(size, _ROBUST))
-            now = float(np.where(size <= _ROBUST, size**2, 2.0 * _ROBUST * size - _ROBUST**2).mean())
+            # bins around an impact that was understood wrongly are many, and say nothing (Cauchy)
+            now = float((_ROBUST**2 * np.log1p((size / _ROBUST) ** 2)).mean())
             if now < cost:
                 settled = cost - now < _SETTLED * now
                 best, cost = trial, now
@@ -207,7 +243,7 @@ class _Balance:
             else:
                 share *= 0.3
             trial = np.clip(best + share * change, low, high)
-        return Balanced(hypotheses, best, cost)
+        return Balanced(hypotheses, best, cost, self.clearance)
 
     def _left(
         self, hypotheses: Sequence[Hypothesis], values: np.ndarray

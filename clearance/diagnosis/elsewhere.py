@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from clearance.diagnosis.balance import suggest_forces
+from clearance.diagnosis.balance import settle_in, suggest_forces
 from clearance.diagnosis.explain import (
     FAR,
     HALFWAY,
@@ -84,9 +84,15 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
         if names in known:
             continue
         known.append(names)
-        held, values = beside(nominal, one.hypotheses, one.values)
+        try:
+            settled = settle_in(search, one)
+        except (InputError, np.linalg.LinAlgError):
+            continue
+        shown = ", ".join(f"{value:.4g}" for value in settled.values)
+        search.report(f"  {one.label} = {shown} goes with a clearance of {settled.clearance * 1e3:.3f} mm")
+        held, values = beside(nominal, one.hypotheses, settled.values)
         row = values[surest]
-        row[0] = search.profile.best
+        row[0] = settled.clearance
         search.keep(
             explanation, held,
             lambda held=held, row=row: _everywhere(search, held, row, surest, nominal, True),  # type: ignore[misc]

@@ -44,6 +44,7 @@ _CONTACT = (
 )  # of the typical force, of the clearance, m/s: a node in contact has more, more, less
 _INSIDE = 0.9995  # of the clearance: largest eccentricity of a journal that does not touch
 _SMEAR = 0.02  # of the local acceleration
+_SHAKEN = 0.2  # of the inertia forces over the mass of the frame
 _TURNING, _MOVING = 400.0, 2000.0  # rad/s^2, m/s^2: typical accelerations
 _BALANCE, _TORQUE_DRIFT = 0.02, 3.0  # N m; N m/s^0.5: how well the crank's torque balances, how it varies
 _GRAVITY = 5.0  # m/s^2 that the mechanism may lack
@@ -111,7 +112,7 @@ def reconstruct(
     drift = np.array([_TURNING] + [_MOVING] * (2 * loose))
     for j, gap in enumerate(gaps):
         spread[FIRST_JOINT + 4 * j : FIRST_JOINT + 4 * j + 4] = gap, 200.0 * gap, gap, 200.0 * gap
-    noise = _noise(values, measured, parameters)
+    noise = _noise(values, measured, parameters, speed)
     target, sight = np.zeros((count, 2 * loose)), np.zeros((count, 2 * loose, 2))
     doubt = np.full((count, 2 * loose), np.inf)
     felt, lifted = feel(parameters, joints, measured.signals, state, inputs), None
@@ -189,10 +190,11 @@ def _lifted(p: np.ndarray, measured: Measured, across: np.ndarray) -> Lift | Non
     return lift(across[0], across[1], gap, stiffness, sigma, 1.0 / measured.chain.rate)
 
 
-def _noise(values: np.ndarray, measured: Measured, p: np.ndarray) -> np.ndarray:
+def _noise(values: np.ndarray, measured: Measured, p: np.ndarray, speed: float) -> np.ndarray:
     """(samples, channels + 1) variances: the sensors', and what the filter smears where axes turn.
 
-    Axes turn while a filtered impact rings. A filtered product is not the product of what is filtered.
+    Axes turn while a filtered impact rings. A filtered product is not the product of what is filtered. What a
+    frame that moves adds is not known either.
     """
     filtered = values[:, : measured.filtered]
     moving = filtered - filtered.mean(axis=0)
@@ -200,10 +202,16 @@ def _noise(values: np.ndarray, measured: Measured, p: np.ndarray) -> np.ndarray:
     smear = _SMEAR**2 * np.maximum(local - np.median(local), 0.0)
     noise = np.zeros((len(values), len(measured.sigma) + 1))
     noise[:, :-1] = measured.sigma**2
-    noise[:, : measured.filtered] += smear[:, None]
+    noise[:, : measured.filtered] += smear[:, None] + _shaking(p, speed) ** 2
     torque = p[Parameter.CRANK_LENGTH] * (p[Parameter.ROD_MASS] + p[Parameter.SLIDER_MASS])
     noise[:, -1] = _BALANCE**2 + smear * torque**2
     return noise
+
+
+def _shaking(p: np.ndarray, speed: float) -> float:
+    """Typical acceleration of the frame [m/s^2]: a share of what the links' inertia forces would give it."""
+    force = (p[Parameter.ROD_MASS] + p[Parameter.SLIDER_MASS]) * p[Parameter.CRANK_LENGTH] * speed**2
+    return _SHAKEN * float(force * p[Parameter.FRAME_INVERSE_MASS_X])
 
 
 def _drive(p: np.ndarray, state: np.ndarray, period: float) -> tuple[np.ndarray, float]:

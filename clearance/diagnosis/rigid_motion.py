@@ -11,13 +11,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clearance.compilation import entry
 from clearance.diagnosis.lift import Lift
+from clearance.mechanism.applied_force import Argument, applied, choose_argument, look_up
+from clearance.mechanism.guide import guide_friction
+from clearance.mechanism.load import process_force, spring_force
 from clearance.mechanism.parameters import Parameter
 from clearance.simulation.layout import Signal
 
 _H = 2e-5  # s, of the differences
 CRANK_ANGLE, CRANK_SPEED, TORQUE, GRAVITY_X, GRAVITY_Y, FIRST_JOINT = range(6)
 """Columns of a motion's state; then, for each loose joint, eccentricity x and its rate, y and its rate."""
+
+
+_LOADS = [
+    Parameter.SPRING_STIFFNESS, Parameter.PROCESS_FORCE, Parameter.GUIDE_COULOMB, Parameter.GUIDE_VISCOUS,
+    Parameter.GUIDE_STRIBECK, Parameter.GUIDE_FRICTION, Parameter.FORCE_SLIDER_X, Parameter.TABLE_SLIDER_X,
+]  # fmt: skip
+_TIME = float(Argument.TIME)
 
 
 @dataclass(frozen=True)
@@ -126,6 +137,11 @@ def feel(
     cx = -p[Parameter.SLIDER_MASS] * slider
     moment_b = inertia * turn + mass * to_b * (cosine * centre_y - sine * centre_x)
     cy = (moment_b / length + sine * cx) / cosine
+    if p[_LOADS].any():
+        push = np.zeros(len(state))
+        load(p, np.stack([state[:, CRANK_ANGLE], speed, now[2], swing, now[3], slide, cy]), push)
+        cx = cx + push
+        cy = (moment_b / length + sine * cx) / cosine
     rod_bx, rod_by = mass * centre_x - cx, mass * centre_y - cy
     needed = inputs[:, 0] / p[Parameter.CRANK_INVERSE_INERTIA]
     needed += crank * (crank_cosine * rod_by - crank_sine * rod_bx)
@@ -134,3 +150,31 @@ def feel(
         np.stack([of(s) for s in signals], axis=1), np.stack([rod_bx, rod_by], axis=1),
         np.stack([cx, cy], axis=1), state[:, TORQUE] - needed,
     )  # fmt: skip
+
+
+@entry
+def load(p: np.ndarray, motion: np.ndarray, push: np.ndarray) -> None:
+    """What acts on the slider along its guide, beside the joint: spring, process, friction, a table.
+
+    A table over time or over the contact's force is not known here.
+
+    Args:
+        p: (PARAMETERS,); a law that is off has size zero.
+        motion: (7, samples) angle and speed of crank and rod, position and velocity of the slider, force of
+            the guide [N].
+        push: (samples,) written [N].
+    """
+    table = p[Parameter.TABLE_SLIDER_X] != 0.0 and p[Parameter.TABLE_ARGUMENT] != _TIME
+    rubs = p[Parameter.GUIDE_FRICTION_SPEED] > 0.0
+    for i in range(motion.shape[1]):
+        angle, speed, rod_angle, rod_speed, place, velocity, reaction = motion[:, i]
+        push[i] = spring_force(p, place) + process_force(p, place)
+        if rubs:
+            push[i] += guide_friction(p, velocity, reaction)
+        value = 0.0
+        if table:
+            argument = choose_argument(
+                p, angle, speed, rod_angle, rod_speed, place, velocity, 0.0, 0.0, 0.0, 0.0, 0.0
+            )
+            value = look_up(p, argument)
+        push[i] += applied(p, Parameter.FORCE_SLIDER_X, value)
