@@ -7,8 +7,10 @@ and from what acts on the links from outside. The motion is known from the accel
 its impacts, however far it is from the nominal one. An effect's share follows from the simulator's own
 equations with ideal joints, so every law that is written there is known here.
 
-A law inside a joint does no work, but for friction on its surface. Reference: Lanczos 1970, The Variational
-Principles of Mechanics, ch. IV.
+What is inside a joint is not seen here: contact and film do no work, and friction, which does, turns the
+force of the contact by so much that the motion's forces are not known any more.
+
+Reference: Lanczos 1970, The Variational Principles of Mechanics, ch. IV.
 """
 
 from collections.abc import Sequence
@@ -23,15 +25,13 @@ from clearance.diagnosis.explain import Search
 from clearance.diagnosis.geometry import GEOMETRIC
 from clearance.diagnosis.hypothesis import SMALLEST_CLEARANCE, Hypothesis
 from clearance.diagnosis.measured import SAMPLES
+from clearance.diagnosis.missing_force import Curve, free_form, knots_over, refined
 from clearance.diagnosis.reconstruction import reconstruct
 from clearance.diagnosis.trace import CLEARANCES, COMPARED, agreement, loose
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import CONSTANTS
 from clearance.mechanism.drive import Drive, Free, Smooth, SpeedControl
-from clearance.mechanism.frame import FixedFrame
-from clearance.mechanism.guide import IdealGuide
-from clearance.mechanism.link import RigidRod
-from clearance.mechanism.parameters import JOINT_STRIDE, Family, Parameter
+from clearance.mechanism.parameters import Family, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.batch import aligned
 from clearance.simulation.equations import evaluate
@@ -41,15 +41,25 @@ from clearance.simulation.layout import RESULTS, STATES, Result, State
 _EDGE = 3  # bins at both ends, which the smoother knows from one side only
 _ROBUST = 2.0  # times the scatter beyond which a bin loses weight
 _BALANCED = 3.0  # mean square in units of the scatter up to which nothing is missing here
-_LEFT = 0.7  # of it: an effect that leaves more is not suggested
+_LEFT = 0.75  # of it: an effect that leaves more is not suggested
+_FREE = 0.65  # likewise of a force of free form
 _BOTH = 0.4  # of what the better one of two leaves: they are suggested together
 _PROMISING = 0.9  # of the imbalance: what leaves less may be one of two
 _FIRST = 2  # single effects beside which a second one is looked for
 _ITERATIONS, _REWEIGHTED = 12, 4
 _SETTLED = 1e-3  # share by which the cost still falls
-_PRICE = 0.02  # of what is left, for each parameter
+_PRICE = 0.01  # of what is left, for each parameter
+_UNNAMED = 1.15  # times as much
 _SHOWN = 3
 _WITHIN, _CLOSER = 0.7, 10  # of the clearance's logarithm; clearances that are compared there
+_DRIVE = "soft_drive"
+_RIGID = [Family.JOINT_B, Family.JOINT_C, Family.GUIDE, Family.LINK, Family.FRAME]
+_EDGED, _EDGES = "process_load", 9  # places along the stroke where it may begin or end
+_TABLES = {
+    ("slider", "x"): ("slider_position", "slider_velocity", "crank_angle"),
+    ("crank", "torque"): ("crank_angle",),
+}
+"""Where forces of free form are looked for, as functions of what; time is another one in every recording."""
 _TORQUE = 1e-3  # N m, that tells how much turning the crank takes
 
 
@@ -63,7 +73,8 @@ class Turning:
         speed: (bins,) [rad/s].
         acceleration: (bins,) [rad/s^2].
         torque: (bins,) that the motion needs [N m].
-        force: (bins,) in the loose joint [N].
+        place: (bins,) of an ideal machine's slider [m].
+        slide: (bins,) its change by the crank's angle [m/rad].
     """
 
     time: np.ndarray
@@ -71,7 +82,8 @@ class Turning:
     speed: np.ndarray
     acceleration: np.ndarray
     torque: np.ndarray
-    force: np.ndarray
+    place: np.ndarray
+    slide: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -83,17 +95,22 @@ class Balanced:
         values: (unknowns,) of their parameters.
         cost: robust mean square of what is left, in units of its scatter.
         clearance: of the joint beside them [m].
+        curve: what a force of free form, which has no name, is a function of.
     """
 
     hypotheses: tuple[Hypothesis, ...]
     values: np.ndarray
     cost: float
     clearance: float
+    curve: Curve | None = None
 
     @property
     def label(self) -> str:
         """The hypotheses' labels."""
-        return " + ".join(h.label for h in self.hypotheses)
+        shown = " + ".join(h.label for h in self.hypotheses)
+        return (
+            shown if self.curve is None else f"{shown} over {self.curve.argument}, {len(self.values)} knots"
+        )
 
 
 def suggest_forces(search: Search) -> list[Balanced]:
@@ -126,14 +143,24 @@ def suggest_forces(search: Search) -> list[Balanced]:
             pair = balance.tried(first.hypotheses + other.hypotheses, np.append(first.values, other.values))
             if pair is not None and pair.cost < _BOTH * min(first.cost, other.cost):
                 pairs.append(pair)
+    tables = balance.tables()
     found = [one for one in [*singles, *pairs] if one.cost < _LEFT * before]
-    found.sort(key=lambda one: one.cost * (1.0 + _PRICE * len(one.values)))
+    found += [one for one in tables if one.cost < _FREE * before]
+    found.sort(key=_priced)
     for one in found[:_SHOWN]:
-        shown = ", ".join(f"{value:.4g}" for value in one.values)
+        shown = ", ".join(f"{value:.3g}" for value in one.values)
         search.report(
             f"  the balance of work agrees with {one.label} = {shown}: {one.cost / before:.1%} are left"
         )
     return found
+
+
+def _priced(one: Balanced) -> float:
+    """What is left, and a share of it for each parameter; names first; the angle can say all of the place."""
+    price = 1.0 + _PRICE * len(one.values)
+    if one.curve is not None:
+        price *= _UNNAMED**2 if one.curve.argument == "crank_angle" else _UNNAMED
+    return one.cost * price
 
 
 def settle_in(search: Search, one: Balanced) -> Balanced:
@@ -145,7 +172,6 @@ def settle_in(search: Search, one: Balanced) -> Balanced:
         InputError: a law does not take the values.
         LinAlgError: a linkage that does not turn.
     """
-
     if all(hypothesis.body == "crank" for hypothesis in one.hypotheses):
         return one
 
@@ -168,7 +194,9 @@ def settle_in(search: Search, one: Balanced) -> Balanced:
         options={"maxiter": _CLOSER},
     )  # fmt: skip
     clearance = float(np.exp(found.x))
-    return _Balance(search, machine(clearance), clearance).fit(one.hypotheses, one.values)
+    return replace(
+        _Balance(search, machine(clearance), clearance).fit(one.hypotheses, one.values), curve=one.curve
+    )
 
 
 class _Balance:
@@ -182,7 +210,9 @@ class _Balance:
             path = reconstruct(measured, machine.parameters(), loose(machine), known.speed, known.angle)
             rows = path.turning[:, : path.turning.shape[1] // SAMPLES * SAMPLES]
             rows = rows.reshape(len(rows), -1, SAMPLES).mean(axis=2)[:, _EDGE:-_EDGE]
-            self.turnings.append(Turning(period * np.arange(rows.shape[1]), *rows))
+            angle, speed, acceleration, torque = rows
+            time, ideal = period * np.arange(len(angle)), _ideal(machine.parameters(), angle)
+            self.turnings.append(Turning(time, angle, speed, acceleration, torque, *ideal))
         bare = replace(machine, drive=Free(), ripple=Smooth())
         self.beyond = []  # what the play of the journals needs beyond the ideal motion [N m]
         for turning in self.turnings:
@@ -196,8 +226,52 @@ class _Balance:
 
     def best(self, trials: Sequence[Hypothesis]) -> Balanced | None:
         """The best of several shapes of an effect."""
-        found = [one for trial in trials if (one := self.tried((trial,), trial.start)) is not None]
+        starts = [(trial, trial.start) for trial in trials]
+        if trials[0].name == _EDGED:  # where it begins and ends no slope tells
+            starts = [(trials[0], start) for start in self._edges(trials[0])]
+        found = [one for trial, start in starts if (one := self.tried((trial,), start)) is not None]
         return min(found, key=lambda one: one.cost, default=None)
+
+    def _edges(self, hypothesis: Hypothesis) -> list[np.ndarray]:
+        """Starts of a load over a part of the stroke, all along it."""
+        names = [unknown.name for unknown in hypothesis.unknowns]
+        place = np.concatenate([turning.place for turning in self.turnings])
+        edges = np.linspace(place.min(), place.max(), _EDGES)
+        found = []
+        for i, start in enumerate(edges):
+            for end in edges[i + 1 :]:
+                values = hypothesis.start.copy()
+                values[[names.index("start"), names.index("end")]] = start, end
+                found.append(values)
+        return found
+
+    def tables(self) -> list[Balanced]:
+        """Forces of free form that would give what the crank lacks."""
+        arguments = {
+            "crank_angle": np.concatenate([turning.angle % (2.0 * pi) for turning in self.turnings]),
+            "slider_position": np.concatenate([turning.place for turning in self.turnings]),
+            "slider_velocity": np.concatenate([turning.slide * turning.speed for turning in self.turnings]),
+        }
+        found = []
+        for (body, direction), names in _TABLES.items():
+            for argument in names:
+                knots = knots_over(arguments[argument], argument == "crank_angle")
+                newton = np.ones(len(knots))  # a size to begin with, and to take derivatives by
+                curve = Curve(body, direction, argument, knots, newton, 0.0 * newton, 0.0, 0.0)
+                one = self._table(curve)
+                if one is not None:
+                    finer = self._table(refined(replace(curve, forces=one.values)))
+                    found += [each for each in (one, finer) if each is not None]
+        return found
+
+    def _table(self, curve: Curve) -> Balanced | None:
+        """A force of free form from the forces of a curve on."""
+        one = self.tried((free_form(curve, self.search.setting.joint),), curve.forces)
+        if one is None:
+            return None
+        if curve.body == "crank":  # a constant torque is the drive's
+            one = replace(one, values=one.values - one.values.mean())
+        return replace(one, curve=replace(curve, forces=one.values))
 
     def tried(self, hypotheses: tuple[Hypothesis, ...], values: np.ndarray) -> Balanced | None:
         """As ``fit``; ``None`` where a law does not take the values."""
@@ -207,7 +281,7 @@ class _Balance:
             return None
 
     def fit(self, hypotheses: tuple[Hypothesis, ...], values: np.ndarray) -> Balanced:
-        """The best sizes of some effects: Gauss-Newton, far bins weighing less (Huber).
+        """The best sizes of some effects, by Gauss-Newton.
 
         Args:
             hypotheses: effects.
@@ -224,19 +298,14 @@ class _Balance:
         for _ in range(_ITERATIONS):
             left, offsets, steps = self._left(hypotheses, trial)
             columns = np.column_stack([*(steps[i] for i in free), offsets])
-            size, weight = left, np.ones(len(left))
-            for _ in range(_REWEIGHTED):  # what the drive is asked for is found anew at once
-                known = np.linalg.lstsq(offsets * weight[:, None], left * weight, rcond=None)[0]
-                size = np.abs(left - offsets @ known) / self.scatter
-                weight = np.sqrt(_ROBUST / np.maximum(size, _ROBUST))
-            # bins around an impact that was understood wrongly are many, and say nothing (Cauchy)
+            # what the drive is asked for is found anew at once
+            size = np.abs(left - offsets @ self._regressed(offsets, left)) / self.scatter
             now = float((_ROBUST**2 * np.log1p((size / _ROBUST) ** 2)).mean())
             if now < cost:
                 settled = cost - now < _SETTLED * now
                 best, cost = trial, now
-                whole = np.linalg.lstsq(columns * weight[:, None], left * weight, rcond=None)[0]
                 change = np.zeros(len(best))
-                change[free] = whole[: len(free)]
+                change[free] = self._regressed(columns, left)[: len(free)]
                 if settled or not free:
                     break
                 share = 1.0
@@ -244,6 +313,19 @@ class _Balance:
                 share *= 0.3
             trial = np.clip(best + share * change, low, high)
         return Balanced(hypotheses, best, cost, self.clearance)
+
+    def _regressed(self, columns: np.ndarray, left: np.ndarray) -> np.ndarray:
+        """Robust linear fit: far bins weigh less (Huber), then nearly nothing (Cauchy).
+
+        Bins around an impact that was understood wrongly are many, and say nothing.
+        """
+        found: np.ndarray = np.zeros(columns.shape[1])
+        weight: np.ndarray = np.ones(len(left))
+        for k in range(2 * _REWEIGHTED):
+            found = np.linalg.lstsq(columns * weight[:, None], left * weight, rcond=None)[0]
+            far = np.abs(left - columns @ found) / (_ROBUST * self.scatter)
+            weight = 1.0 / np.sqrt(np.maximum(far, 1.0) if k < _REWEIGHTED else 1.0 + far**2)
+        return found
 
     def _left(
         self, hypotheses: Sequence[Hypothesis], values: np.ndarray
@@ -255,23 +337,25 @@ class _Balance:
             be off, since nobody knows what it is asked for; (unknowns) times (bins,) by the values, negative.
         """
         model = self.search.setting.model(hypotheses)
+        asked = [float(np.mean(turning.speed)) * 30.0 / pi for turning in self.turnings]
+        if not any(hypothesis.name == _DRIVE for hypothesis in hypotheses):
+            asked = asked[:1]  # what another speed asks for is one of the offsets
 
         def given(values: np.ndarray) -> tuple[np.ndarray, list[Drive]]:
-            parts, drives = [], []
-            for turning in self.turnings:
-                asked = np.mean(turning.speed) * 30.0 / pi
-                machine = model.machine(np.concatenate([[self.clearance], values, [asked]]))
+            machines = [model.machine(np.concatenate([[self.clearance], values, [one]])) for one in asked]
+            machines *= len(self.turnings) // len(machines)
+            parts = []
+            for machine, turning in zip(machines, self.turnings, strict=True):
                 inertia, acceleration = _answer(machine, turning)
-                parts.append(inertia * (acceleration - turning.acceleration) + _rub(machine, turning))
-                drives.append(machine.drive)
-            return np.concatenate(parts), drives
+                parts.append(inertia * (acceleration - turning.acceleration))
+            return np.concatenate(parts), [machine.drive for machine in machines]
 
         torque, drives = given(values)
         offsets = []
         begin = 0
         for turning, drive in zip(self.turnings, drives, strict=True):
-            asked = isinstance(drive, SpeedControl)  # a motor's speed follows from its load
-            for one in [np.ones(len(turning.time)), turning.time] if asked else []:
+            controlled = isinstance(drive, SpeedControl)  # a motor's speed follows from its load
+            for one in [np.ones(len(turning.time)), turning.time] if controlled else []:
                 column = np.zeros(len(torque))
                 column[begin : begin + len(one)] = one
                 offsets.append(column)
@@ -288,20 +372,15 @@ def _answer(machine: SliderCrank, turning: Turning) -> tuple[np.ndarray, np.ndar
     """(bins,) inertia that the crank feels [kg m^2], and the acceleration that an ideal machine would have.
 
     Args:
-        machine: its joints are taken as ideal, its links and frame as rigid.
+        machine: its joints are taken as ideal, its links, guide and frame as rigid.
         turning: motion; the integral of the drive's speed error begins at zero with it.
     """
-    ideal = replace(
-        machine, joint_b=replace(machine.joint_b, clearance=0.0),
-        joint_c=replace(machine.joint_c, clearance=0.0), guide=IdealGuide(), link=RigidRod(),
-        frame=FixedFrame(),
-    )  # fmt: skip
-    codes, p = ideal.codes(), aligned(len(ideal.parameters()))
-    p[:] = ideal.parameters()[:, None]
+    codes, p = machine.codes(), aligned(len(machine.parameters()))
+    codes[_RIGID] = 0
+    p[:] = machine.parameters()[:, None]
     if not codes[Family.FORCE]:
         codes[Family.FORCE] = CONSTANTS
-    turned = turning.angle - turning.angle[0]
-    integral = p[Parameter.DRIVE_SPEED, 0] * turning.time - turned
+    integral = p[Parameter.DRIVE_SPEED, 0] * turning.time - (turning.angle - turning.angle[0])
     motion = np.stack([turning.angle, turning.speed, integral, turning.time])
     out = np.zeros((2, motion.shape[1]))
     work = aligned(RESULTS + STATES)
@@ -339,14 +418,12 @@ def accelerate(
             out[begin + lane] = r[Result.CRANK, lane]
 
 
-def _rub(machine: SliderCrank, turning: Turning) -> np.ndarray:
-    """(bins,) torque on the crank of friction in the loose joint, from the force that it carries [N m]."""
-    p = machine.parameters()
-    block = 0 if machine.joint_b.loose else JOINT_STRIDE
+def _ideal(p: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Position of an ideal machine's slider [m], and its change by the crank's angle [m/rad]."""
     length = p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]
-    lever = p[Parameter.CRANK_LENGTH] / length
-    sine = p[Parameter.GUIDE_OFFSET] / length - lever * np.sin(turning.angle)
-    swing = -lever * np.cos(turning.angle) / np.sqrt(1.0 - sine**2)
-    turn = 1.0 - swing if block == 0 else swing
-    moment = p[Parameter.JOINT_FRICTION + block] * p[Parameter.JOINT_JOURNAL_RADIUS + block] * turning.force
-    return -moment * np.abs(turn) * np.sign(turning.speed)
+    crank = p[Parameter.CRANK_LENGTH]
+    sine = (p[Parameter.GUIDE_OFFSET] - crank * np.sin(angle)) / length
+    cosine = np.sqrt(1.0 - sine**2)
+    swing = -crank * np.cos(angle) / (length * cosine)
+    place = crank * np.cos(angle) + length * cosine
+    return place, -crank * np.sin(angle) - length * sine * swing

@@ -19,9 +19,11 @@ from clearance.diagnosis.explain import (
 )
 from clearance.diagnosis.finished import Followed
 from clearance.diagnosis.fit import Model
+from clearance.diagnosis.free_search import refine_table
 from clearance.diagnosis.geometry import GEOMETRIC, LOOSE_GUIDE, suggest_dimensions, suggest_guide
 from clearance.diagnosis.growth import Start, grow
 from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.diagnosis.missing_force import KNOTS
 from clearance.diagnosis.search import EXPLAINED, FOLLOWED, LOOSENESS, POOR, Attempt, explained
 from clearance.errors import InputError
 
@@ -78,9 +80,9 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
     except np.linalg.LinAlgError:
         return
     surest = int(np.argmin([start.doubt for start in search.starts]))
-    known: list[set[str]] = []
+    known: list[set[str]] = []  # one variant of each effect, one argument of a force without a name
     for one in suggested:
-        names = {h.name for h in one.hypotheses}
+        names = {h.name for h in one.hypotheses} if one.curve is None else {one.label}
         if names in known:
             continue
         known.append(names)
@@ -93,10 +95,14 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
         held, values = beside(nominal, one.hypotheses, settled.values)
         row = values[surest]
         row[0] = settled.clearance
-        search.keep(
+        found = search.keep(
             explanation, held,
             lambda held=held, row=row: _everywhere(search, held, row, surest, nominal, True),  # type: ignore[misc]
         )  # fmt: skip
+        if found is None or explained(found) or one.curve is None:
+            pass
+        elif len(one.curve.knots) <= KNOTS:
+            refine_table(search, explanation, one.curve, found)
         if explained(explanation.best) or search.late() or len(known) == _FITTED:
             return
 

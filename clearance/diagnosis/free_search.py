@@ -108,12 +108,12 @@ def fit_curve(search: Search, explanation: Explanation, curves: Sequence[Curve])
             explanation, [hypothesis], lambda h=hypothesis, v=values: search.grown([h], v)  # type: ignore[misc]
         )  # fmt: skip
         if found is not None and not explained(found):
-            _refine_table(search, explanation, curve, found)
+            refine_table(search, explanation, curve, found)
         if explained(explanation.best):
             return
 
 
-def _refine_table(search: Search, explanation: Explanation, curve: Curve, coarse: Attempt) -> None:
+def refine_table(search: Search, explanation: Explanation, curve: Curve, coarse: Attempt) -> None:
     """Fit a curve with a knot between each two where its table leaves little: it may be too coarse."""
     if coarse.misfit > _PART * explanation.nominal.misfit or coarse.scale > ANNEALING[3] or search.late():
         return

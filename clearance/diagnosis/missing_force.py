@@ -25,10 +25,11 @@ from clearance.simulation.layout import Signal
 _OUTLIER = 2.0  # of the scatter between neighbours, beyond which a segment counts linearly
 _ITERATIONS = 8
 _CORRELATED = 3.0  # neighbouring segments that count as one
-_KNOTS = 12  # of a curve
 _STRAIGHT = 0.1  # weight of a bend of the table beside a segment
 _HALF = 0.5  # of a force's variance: what leaves more of it is no function of an argument
 _TAILS = 0.005  # of the argument's values to each side that the curve does not reach
+KNOTS = 12
+"""Of a curve that nobody has refined."""
 FREE_FORM = "free_form"
 """Name of the hypothesis that is no named effect."""
 
@@ -209,7 +210,7 @@ def curves(seen: Seen, pattern: np.ndarray, joint: str, sizes: np.ndarray) -> li
         for argument in ARGUMENTS:
             values = seen.arguments[argument]
             repeats = argument == "crank_angle"
-            knots = _knots(values, repeats)
+            knots = knots_over(values, repeats)
             hats = _hats(values, knots, repeats)
             fitted = regress(seen, pattern[:, :, d, None] * hats[:, None, :])
             price = len(knots) * np.log(count / _CORRELATED)
@@ -222,11 +223,12 @@ def curves(seen: Seen, pattern: np.ndarray, joint: str, sizes: np.ndarray) -> li
     return sorted(found, key=lambda curve: curve.price - curve.gain)
 
 
-def _knots(values: np.ndarray, repeats: bool) -> np.ndarray:
+def knots_over(values: np.ndarray, repeats: bool) -> np.ndarray:
+    """Knots of a table over (segments,) values of an argument, or over a whole turn."""
     if repeats:
-        return 2.0 * np.pi * np.arange(_KNOTS) / _KNOTS
+        return 2.0 * np.pi * np.arange(KNOTS) / KNOTS
     low, high = np.quantile(values, [_TAILS, 1.0 - _TAILS])
-    return np.linspace(low, max(high, low + 1e-9), _KNOTS)
+    return np.linspace(low, max(high, low + 1e-9), KNOTS)
 
 
 def _hats(values: np.ndarray, knots: np.ndarray, repeats: bool) -> np.ndarray:
@@ -292,7 +294,7 @@ def effect_as_curves(
     found = []
     for argument in ARGUMENTS:
         values = np.concatenate([one[argument] for one in each])
-        knots = _knots(values, argument == "crank_angle")
+        knots = knots_over(values, argument == "crank_angle")
         forces, left = as_function_of(force, values, knots, argument)
         if left < _HALF:
             found.append((left, Curve(*place, argument, knots, forces, np.zeros(len(knots)), 0.0, 0.0)))

@@ -62,8 +62,8 @@ class Reconstruction:
         speed: that the drive seems to be asked for [rad/s].
         across: (2, samples) acceleration of the slider across its guide [m/s^2] and the guide's force on it
             [N]; no samples where no sensor tells.
-        turning: (5, samples) angle [rad], speed [rad/s] and acceleration [rad/s^2] of the crank, torque that
-            the motion needs [N m], force in the loose joint [N]; no samples where it was read from a file.
+        turning: (4, samples) angle [rad], speed [rad/s] and acceleration [rad/s^2] of the crank, torque that
+            the motion needs [N m]; no samples where it was read from a file.
     """
 
     nodes: np.ndarray
@@ -71,7 +71,7 @@ class Reconstruction:
     force: float
     speed: float
     across: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)))
-    turning: np.ndarray = field(default_factory=lambda: np.zeros((5, 0)))
+    turning: np.ndarray = field(default_factory=lambda: np.zeros((4, 0)))
 
 
 def reconstruct(
@@ -165,7 +165,6 @@ def reconstruct(
     across = _across(parameters, measured, values, felt, state)
     turning = np.stack([
         state[:, CRANK_ANGLE], state[:, CRANK_SPEED], inputs[:, 0], state[:, TORQUE] - felt.imbalance,
-        np.hypot(*_bearing_force(felt, joints[0]).T),
     ])  # fmt: skip
     return Reconstruction(nodes, float(cost), force, asked, across, turning)
 

@@ -1,0 +1,93 @@
+"""The balance of work: which force the motion needs, whatever happens in the joints."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.balance import _Balance, settle_in, suggest_forces
+from clearance.diagnosis.demonstration import record
+from clearance.diagnosis.effect import load_effects
+from clearance.diagnosis.explain import Search
+from clearance.diagnosis.hypothesis import Setting, gather
+from clearance.diagnosis.measured import Measured, chain_of
+from clearance.diagnosis.trace import aligned
+from clearance.mechanism.drive import DirectCurrentMotor, SpeedControl, TorqueRipple
+from clearance.mechanism.guide import StribeckGuide
+from clearance.mechanism.load import LinearSpring
+from clearance.mechanism.slider_crank import SliderCrank
+
+SETTING = Setting(SliderCrank(), "C")
+NOMINAL = replace(SETTING.with_clearance(3e-4), drive=SpeedControl(700.0, ramp=0.1))
+EFFECTS = [
+    "guide_friction", "slider_spring", "soft_drive", "torque_ripple", "rod_inertia",
+    "contact_stiffness",
+]  # fmt: skip
+
+
+@cache
+def traced(machine):
+    """A search after its first step, for a recording of a machine."""
+    recording = record(machine, 4)
+    measured = Measured.of(recording, chain_of(recording, "one"), "one").part(0, 200)
+    groups = gather(load_effects(EFFECTS), SETTING.with_clearance(3e-4), "C", measured.channels)
+    alignment = aligned(measured, SETTING.with_clearance(3e-4), (50.0, 150.0))
+    search = Search([measured], [alignment], SETTING, groups, 1, lambda _: None)
+    search.trace()
+    return search
+
+
+def test_a_machine_that_lacks_nothing_is_balanced():
+    assert suggest_forces(traced(NOMINAL)) == []
+
+
+@pytest.mark.parametrize(
+    ("laws", "name", "values"),
+    [
+        ({"spring": LinearSpring(400.0, 0.11)}, "slider_spring", [400.0, 0.11]),
+        ({"drive": SpeedControl(700.0, 1.5, 40.0, ramp=0.1)}, "soft_drive", [1.5, 40.0]),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (
+                ({"guide_friction": StribeckGuide(coulomb_force=8.0)}, "guide_friction", [8.0]),
+                ({"ripple": TorqueRipple(1.5, 3.0, 0.7)}, "torque_ripple", [1.5, 3.0]),
+                ({"drive": DirectCurrentMotor(8.0, 740.0)}, "soft_drive", [8.0 / (740.0 * np.pi / 30.0)]),
+            )
+        ),
+    ],
+)
+def test_a_force_is_named_from_the_motion_alone(laws, name, values):
+    best = suggest_forces(traced(replace(NOMINAL, **laws)))[0]
+    assert [h.name for h in best.hypotheses] == [name]
+    np.testing.assert_allclose(best.values[: len(values)], values, rtol=0.1)
+
+
+@pytest.mark.slow
+def test_a_load_moves_the_journal_and_with_it_the_clearance():
+    search = traced(replace(NOMINAL, spring=LinearSpring(400.0, 0.11)))
+    assert search.profile.best != pytest.approx(3e-4, rel=0.04)
+    settled = settle_in(search, suggest_forces(search)[0])
+    assert settled.clearance == pytest.approx(3e-4, rel=0.03)
+    assert settled.values[0] == pytest.approx(400.0, rel=0.03)
+
+
+@pytest.mark.slow
+def test_two_forces_at_once():
+    both = replace(NOMINAL, spring=LinearSpring(400.0, 0.11), ripple=TorqueRipple(1.5, 3.0, 0.7))
+    best = suggest_forces(traced(both))[0]
+    assert {h.name for h in best.hypotheses} == {"slider_spring", "torque_ripple"}
+
+
+def test_a_force_without_a_name_is_a_table_and_what_is_inside_a_joint_does_no_work():
+    search = traced(replace(NOMINAL, spring=LinearSpring(400.0, 0.11)))
+    balance = _Balance(search, SETTING.with_clearance(search.profile.best), search.profile.best)
+    tables = [one for one in balance.tables() if one.curve.body == "slider"]
+    place = next(one for one in tables if one.curve.argument == "slider_position")
+    inner = slice(1, -1)
+    force = -400.0 * (place.curve.knots - 0.11)
+    np.testing.assert_allclose(place.values[inner], force[inner], atol=1.5)
+    before = balance.fit((), np.zeros(0)).cost
+    assert place.cost < 0.5 * before
+    stiffness = balance.best(search.groups["contact_stiffness(stiffness_scale)"])
+    assert stiffness.cost == pytest.approx(before, rel=1e-6)
