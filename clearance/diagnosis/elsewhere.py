@@ -99,10 +99,9 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
             explanation, held,
             lambda held=held, row=row: _everywhere(search, held, row, surest, nominal, True),  # type: ignore[misc]
         )  # fmt: skip
-        if found is None or explained(found) or one.curve is None:
-            pass
-        elif len(one.curve.knots) <= KNOTS:
-            refine_table(search, explanation, one.curve, found)
+        table = one.curve
+        if found is not None and table is not None and len(table.knots) <= KNOTS and not explained(found):
+            refine_table(search, explanation, table, found)
         if explained(explanation.best) or search.late() or len(known) == _FITTED:
             return
 

@@ -74,6 +74,7 @@ def cushioned(clearance, **joint):
     return found, explanation
 
 
+@pytest.mark.slow
 def test_an_unknown_joint_is_found():
     settings = [Setting(SliderCrank(), joint) for joint in "BC"]
     found, explanation, tried = locate_joint([recorded(2e-4)], settings, [], SPEEDS, 1, lambda _: None)
@@ -86,6 +87,7 @@ def test_an_unknown_joint_is_found():
 STIFF = ("contact_stiffness", "joint_lubrication", "gravity", "sensor_gain")
 
 
+@pytest.mark.slow
 def test_what_explains_is_looked_beside_once_more():
     found, explanation = search(1e-4, STIFF, contact=replace(Joint().contact, stiffness_scale=0.5))
     assert explained(explanation.nominal), "softer contact hides in the clearance"
@@ -157,6 +159,7 @@ def test_a_film_is_found_where_it_makes_the_gap_look_small():
     assert damping == pytest.approx(1.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_film_is_not_tried_where_the_motion_agrees():
     found, explanation = search(3e-4, ("joint_lubrication",))
     begin_film(found, explanation)

@@ -80,6 +80,7 @@ def test_other_recordings_settings_and_hypotheses_begin_anew(first, measured):
     assert kept_in(None, *known[1:]) is None
 
 
+@pytest.mark.slow
 def test_a_search_that_was_late_leaves_nothing_that_another_would_not_do(first, measured, tmp_path):
     _, (_, whole) = first
     search, _, _ = locate_joint(

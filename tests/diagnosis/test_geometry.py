@@ -76,6 +76,7 @@ def test_a_missing_force_points_at_no_dimension_and_no_sensor():
     assert np.isfinite(search.profile.misfit).all()
 
 
+@pytest.mark.slow
 def test_a_slider_that_is_loose_in_its_guide():
     machine = replace(NOMINAL, joint_c=replace(NOMINAL.joint_c, clearance=1e-4), guide=LooseGuide(gap=7e-5))
     search = traced(machine)

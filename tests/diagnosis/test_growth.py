@@ -78,6 +78,7 @@ def test_the_scale_is_the_smallest_at_which_a_misfit_is_followed(misfit, scale):
     assert scale_of(misfit) == scale
 
 
+@pytest.mark.slow
 def test_a_table_is_found_from_a_poor_guess_and_stays_where_nothing_shows_it():
     knots, forces = np.linspace(0.04, 0.2, 9), 1.0 + 3.0 * np.sin(np.linspace(0.0, np.pi, 9))
     law = TabulatedForce(*PLACE, knots[0], knots[1] - knots[0], tuple(forces))

@@ -136,6 +136,7 @@ def test_a_motor_that_sags_under_gravity_and_an_encoder_off_zero():
     assert held_out["after"] < 1.1 < held_out["before"]
 
 
+@pytest.mark.slow
 def test_a_spring_from_angle_and_position_alone():
     spring = {"stiffness": 150.0, "free_position": 0.13}
     recording = planted(
