@@ -13,6 +13,7 @@ from clearance.simulation.layout import State
 ANGLE_BINS = 36
 _BLOCK = 128  # samples of a spectrum
 _FALSE_DISCOVERIES = 0.05
+_LOST = 1e6  # standard deviations: how far off a run counts that ends in no number
 _SLIDING = 0.02  # m/s of the journal along the bearing's surface
 
 
@@ -71,6 +72,7 @@ def innovations(attempt: Attempt, joint: str, floor: Attempt | None = None) -> l
         spread = (floor.fit.passes[r] if floor is not None else one).spread
         typical = np.median(spread[inner], axis=(0, 1))
         values = one.innovation[inner] * scale / typical
+        values = np.clip(np.nan_to_num(values, nan=_LOST, posinf=_LOST, neginf=-_LOST), -_LOST, _LOST)
         n, m, channels = values.shape
         nodes = follower.path.nodes[inner]
         steps = np.arange(m) / m * follower.measured.segment
