@@ -116,12 +116,16 @@ class Balanced:
 def suggest_forces(search: Search) -> list[Balanced]:
     """Effects that leave little of the imbalance, alone or two together, the best first.
 
+    None where the nominal drive is not a speed control.
+
     Args:
         search: with its profile and alignments.
 
     Raises:
         LinAlgError: a linkage that does not turn.
     """
+    if not isinstance(search.setting.machine.drive, SpeedControl):
+        return []  # a motor's slope goes with its voltage, which nobody knows
     balance = _Balance(search, search.setting.with_clearance(search.profile.best), search.profile.best)
     before = balance.fit((), np.zeros(0)).cost
     if before < _BALANCED:
@@ -175,13 +179,10 @@ def settle_in(search: Search, one: Balanced) -> Balanced:
     if all(hypothesis.body == "crank" for hypothesis in one.hypotheses):
         return one
 
+    model, asked = search.setting.model(one.hypotheses), search.alignments[0].speed * 30.0 / pi
+
     def machine(clearance: float) -> SliderCrank:
-        made, place = search.setting.with_clearance(clearance), 0
-        for hypothesis in one.hypotheses:
-            count = len(hypothesis.unknowns)
-            made = hypothesis.apply(made, one.values[place : place + count])
-            place += count
-        return made
+        return model.machine(np.concatenate([[clearance], one.values, [asked]]))
 
     def disagree(size: float) -> float:
         made = [machine(float(np.exp(size)))]
@@ -204,14 +205,14 @@ class _Balance:
 
     def __init__(self, search: Search, machine: SliderCrank, clearance: float) -> None:
         self.search, self.clearance = search, clearance
-        period = SAMPLES / search.recordings[0].chain.rate
         self.turnings: list[Turning] = []
         for measured, known in zip(search.recordings, search.alignments, strict=True):
             path = reconstruct(measured, machine.parameters(), loose(machine), known.speed, known.angle)
             rows = path.turning[:, : path.turning.shape[1] // SAMPLES * SAMPLES]
             rows = rows.reshape(len(rows), -1, SAMPLES).mean(axis=2)[:, _EDGE:-_EDGE]
             angle, speed, acceleration, torque = rows
-            time, ideal = period * np.arange(len(angle)), _ideal(machine.parameters(), angle)
+            time = SAMPLES / measured.chain.rate * np.arange(len(angle))
+            ideal = _ideal(machine.parameters(), angle)
             self.turnings.append(Turning(time, angle, speed, acceleration, torque, *ideal))
         bare = replace(machine, drive=Free(), ripple=Smooth())
         self.beyond = []  # what the play of the journals needs beyond the ideal motion [N m]

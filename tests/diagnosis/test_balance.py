@@ -27,19 +27,28 @@ EFFECTS = [
 
 
 @cache
-def traced(machine):
+def traced(machine, setting=SETTING):
     """A search after its first step, for a recording of a machine."""
     recording = record(machine, 4)
     measured = Measured.of(recording, chain_of(recording, "one"), "one").part(0, 200)
-    groups = gather(load_effects(EFFECTS), SETTING.with_clearance(3e-4), "C", measured.channels)
-    alignment = aligned(measured, SETTING.with_clearance(3e-4), (50.0, 150.0))
-    search = Search([measured], [alignment], SETTING, groups, 1, lambda _: None)
+    nominal = setting.with_clearance(3e-4)
+    groups = gather(load_effects(EFFECTS), nominal, "C", measured.channels)
+    search = Search(
+        [measured], [aligned(measured, nominal, (50.0, 150.0))], setting, groups, 1, lambda _: None
+    )
     search.trace()
     return search
 
 
 def test_a_machine_that_lacks_nothing_is_balanced():
     assert suggest_forces(traced(NOMINAL)) == []
+
+
+@pytest.mark.slow
+def test_a_nominal_motor_whose_voltage_nobody_knows_accuses_no_force():
+    motor = Setting(replace(SETTING.machine, drive=DirectCurrentMotor(8.0, 700.0)), "C")
+    machine = replace(motor.with_clearance(3e-4), drive=DirectCurrentMotor(8.0, 760.0))
+    assert suggest_forces(traced(machine, motor)) == []
 
 
 @pytest.mark.parametrize(
