@@ -60,6 +60,7 @@ def test_simulate_makes_a_data_set_and_has_nothing_to_do_the_second_time(home):
     assert Dataset.open(home / "data").available().tolist() == [0, 1, 2, 3]
 
 
+@pytest.mark.slow
 def test_a_mechanism_from_a_file_is_simulated_and_trained_on(tmp_path):
     folder = tmp_path / "found, by=diagnosis"
     folder.mkdir()
@@ -175,14 +176,12 @@ def test_a_killed_training_goes_on_to_the_very_same_weights(trained, home):
 
 
 def test_multirun_makes_a_folder_a_job_named_by_its_overrides(home):
-    sweep = ("experiment=smoke", "model=lstm,tcn", "seed=1,2", "trainer.epochs=1", "trainer.threads=1")
+    sweep = ("experiment=smoke", "model=lstm,tcn", "seed=1", "trainer.epochs=1", "trainer.threads=1")
     done = launch("train", "-m", *sweep, folder=home)
     assert done.returncode == 0, done.stderr
     jobs = home / "outputs/train/smoke"
     assert {path.name for path in jobs.iterdir() if path.is_dir()} == {
-        f"model={model},seed={seed},trainer.epochs=1,trainer.threads=1"
-        for model in ("lstm", "tcn")
-        for seed in (1, 2)
+        f"model={model},seed=1,trainer.epochs=1,trainer.threads=1" for model in ("lstm", "tcn")
     }
     assert all((job / "metrics.json").exists() for job in jobs.iterdir() if job.is_dir())
 

@@ -55,10 +55,10 @@ def test_a_nominal_motor_whose_voltage_nobody_knows_accuses_no_force():
     ("laws", "name", "values"),
     [
         ({"spring": LinearSpring(400.0, 0.11)}, "slider_spring", [400.0, 0.11]),
-        ({"drive": SpeedControl(700.0, 1.5, 40.0, ramp=0.1)}, "soft_drive", [1.5, 40.0]),
         *(
             pytest.param(*case, marks=pytest.mark.slow)
             for case in (
+                ({"drive": SpeedControl(700.0, 1.5, 40.0, ramp=0.1)}, "soft_drive", [1.5, 40.0]),
                 ({"guide_friction": StribeckGuide(coulomb_force=8.0)}, "guide_friction", [8.0]),
                 ({"ripple": TorqueRipple(1.5, 3.0, 0.7)}, "torque_ripple", [1.5, 3.0]),
                 ({"drive": DirectCurrentMotor(8.0, 740.0)}, "soft_drive", [8.0 / (740.0 * np.pi / 30.0)]),

@@ -65,6 +65,7 @@ def test_an_offset_of_one_sensor():
     assert found.value == pytest.approx(60.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_missing_force_points_at_no_dimension_and_no_sensor():
     friction = StribeckGuide(
         coulomb_force=6.0, viscous_damping=0.0, stribeck_force=0.0, friction_coefficient=0.0

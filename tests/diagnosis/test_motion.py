@@ -148,6 +148,7 @@ def test_a_spring_from_angle_and_position_alone():
     assert holds(effects["slider_spring"]["free_position"], 0.13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "fault", "parameter", "truth"),
     [

@@ -56,7 +56,7 @@ def distances(found, kind):
     return np.array([entry["distance"][kind] for entry in found["recordings"][0]["phase"]])
 
 
-@pytest.mark.parametrize("encoder", [False, True])
+@pytest.mark.parametrize("encoder", [pytest.param(False, marks=pytest.mark.slow), True])
 @pytest.mark.parametrize("clearance", [1e-4, 8e-4])  # periodic, chaotic
 def test_the_right_model_is_about_one_standard_error_away_and_a_wrong_one_more(clearance, encoder):
     measured, angle = recorded(clearance, encoder)

@@ -203,7 +203,10 @@ def across(parameters, angle):
 # --- against SciPy ---------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module", params=["none", "B", "C", "B, awkward", "C, awkward"])
+@pytest.fixture(
+    scope="module",
+    params=["none", "B", "C", pytest.param("B, awkward", marks=pytest.mark.slow), "C, awkward"],
+)
 def scipy_run(request):
     """(parameters, times, SciPy's motion, its channels); the fast ramp makes contact hard within 40 ms."""
     joint, *awkward = request.param.split(", ")

@@ -220,7 +220,7 @@ def test_failures_are_recorded_and_tried_again_on_request(trial):
     assert read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)["failure"] is None
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
 def test_killed_and_resumed_nothing_is_asked_twice(trial, how):
     """The second case hangs: the first is kept, and only what had no verdict is asked again."""
     trial.answer({"case_0002": "hang"})
