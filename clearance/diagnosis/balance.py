@@ -39,9 +39,10 @@ from clearance.simulation.kinematics import project
 from clearance.simulation.layout import RESULTS, STATES, Result, State
 
 _EDGE = 3  # bins at both ends, which the smoother knows from one side only
+_EVERY = 2  # samples: bins are their means, so that a law may begin or end within one
 _ROBUST = 2.0  # times the scatter beyond which a bin loses weight
 _BALANCED = 3.0  # mean square in units of the scatter up to which nothing is missing here
-_LEFT = 0.75  # of it: an effect that leaves more is not suggested
+_LEFT = 0.88  # of it: an effect that leaves more is not suggested (wrong ones left 0.94 and more)
 _FREE = 0.65  # likewise of a force of free form
 _BOTH = 0.4  # of what the better one of two leaves: they are suggested together
 _PROMISING = 0.9  # of the imbalance: what leaves less may be one of two
@@ -65,16 +66,16 @@ _TORQUE = 1e-3  # N m, that tells how much turning the crank takes
 
 @dataclass(frozen=True)
 class Turning:
-    """A recording's motion as the crank feels it, bin by bin.
+    """A recording's motion as the crank feels it, instant by instant.
 
     Attributes:
-        time: (bins,) [s].
-        angle: (bins,) of the crank [rad].
-        speed: (bins,) [rad/s].
-        acceleration: (bins,) [rad/s^2].
-        torque: (bins,) that the motion needs [N m].
-        place: (bins,) of an ideal machine's slider [m].
-        slide: (bins,) its change by the crank's angle [m/rad].
+        time: (instants,) [s].
+        angle: (instants,) of the crank [rad].
+        speed: (instants,) [rad/s].
+        acceleration: (instants,) [rad/s^2].
+        torque: (instants,) that the motion needs [N m].
+        place: (instants,) of an ideal machine's slider [m].
+        slide: (instants,) its change by the crank's angle [m/rad].
     """
 
     time: np.ndarray
@@ -113,10 +114,12 @@ class Balanced:
         )
 
 
-def suggest_forces(search: Search) -> list[Balanced]:
+def suggest_forces(search: Search) -> list[Balanced] | None:
     """Effects that leave little of the imbalance, alone or two together, the best first.
 
-    None where the nominal drive is not a speed control.
+    Returns:
+        No effects where what acts on the links balances their motion; ``None`` where the nominal drive is not
+        a speed control, so that the balance cannot be asked.
 
     Args:
         search: with its profile and alignments.
@@ -125,7 +128,7 @@ def suggest_forces(search: Search) -> list[Balanced]:
         LinAlgError: a linkage that does not turn.
     """
     if not isinstance(search.setting.machine.drive, SpeedControl):
-        return []  # a motor's slope goes with its voltage, which nobody knows
+        return None  # a motor's slope goes with its voltage, which nobody knows
     balance = _Balance(search, search.setting.with_clearance(search.profile.best), search.profile.best)
     before = balance.fit((), np.zeros(0)).cost
     if before < _BALANCED:
@@ -195,9 +198,11 @@ def settle_in(search: Search, one: Balanced) -> Balanced:
         options={"maxiter": _CLOSER},
     )  # fmt: skip
     clearance = float(np.exp(found.x))
-    return replace(
-        _Balance(search, machine(clearance), clearance).fit(one.hypotheses, one.values), curve=one.curve
-    )
+    balance = _Balance(search, machine(clearance), clearance)
+    again = [balance.fit(one.hypotheses, one.values)]
+    if one.hypotheses[0].name == _EDGED and len(one.hypotheses) == 1:  # its edges may have been met wrongly
+        again += [other for other in [balance.best(one.hypotheses)] if other is not None]
+    return replace(min(again, key=lambda other: other.cost), curve=one.curve)
 
 
 class _Balance:
@@ -209,19 +214,18 @@ class _Balance:
         for measured, known in zip(search.recordings, search.alignments, strict=True):
             path = reconstruct(measured, machine.parameters(), loose(machine), known.speed, known.angle)
             rows = path.turning[:, : path.turning.shape[1] // SAMPLES * SAMPLES]
-            rows = rows.reshape(len(rows), -1, SAMPLES).mean(axis=2)[:, _EDGE:-_EDGE]
-            angle, speed, acceleration, torque = rows
-            time = SAMPLES / measured.chain.rate * np.arange(len(angle))
+            angle, speed, acceleration, torque = rows[:, _EDGE * SAMPLES : -_EDGE * SAMPLES : _EVERY]
+            time = _EVERY / measured.chain.rate * np.arange(len(angle))
             ideal = _ideal(machine.parameters(), angle)
             self.turnings.append(Turning(time, angle, speed, acceleration, torque, *ideal))
         bare = replace(machine, drive=Free(), ripple=Smooth())
         self.beyond = []  # what the play of the journals needs beyond the ideal motion [N m]
         for turning in self.turnings:
             inertia, acceleration = _answer(bare, turning)
-            self.beyond.append(turning.torque - inertia * (turning.acceleration - acceleration))
+            self.beyond.append(_binned(turning.torque - inertia * (turning.acceleration - acceleration)))
         left, offsets, _ = self._left((), np.zeros(0))
         left = left - offsets @ np.linalg.lstsq(offsets, left, rcond=None)[0]
-        ends = np.cumsum([len(turning.time) for turning in self.turnings])[:-1]
+        ends = np.cumsum([len(part) for part in self.beyond])[:-1]
         bends = np.concatenate([np.diff(part, 2) for part in np.split(left, ends)])
         self.scatter = float(1.4826 * np.median(np.abs(bends)) / np.sqrt(6.0))
 
@@ -348,7 +352,7 @@ class _Balance:
             parts = []
             for machine, turning in zip(machines, self.turnings, strict=True):
                 inertia, acceleration = _answer(machine, turning)
-                parts.append(inertia * (acceleration - turning.acceleration))
+                parts.append(_binned(inertia * (acceleration - turning.acceleration)))
             return np.concatenate(parts), [machine.drive for machine in machines]
 
         torque, drives = given(values)
@@ -356,11 +360,12 @@ class _Balance:
         begin = 0
         for turning, drive in zip(self.turnings, drives, strict=True):
             controlled = isinstance(drive, SpeedControl)  # a motor's speed follows from its load
-            for one in [np.ones(len(turning.time)), turning.time] if controlled else []:
+            time = _binned(turning.time)
+            for one in [np.ones(len(time)), time] if controlled else []:
                 column = np.zeros(len(torque))
                 column[begin : begin + len(one)] = one
                 offsets.append(column)
-            begin += len(turning.time)
+            begin += len(time)
         steps = []
         for i in range(len(values)):
             moved = values.copy()
@@ -369,8 +374,14 @@ class _Balance:
         return np.concatenate(self.beyond) - torque, np.array(offsets).reshape(-1, len(torque)).T, steps
 
 
+def _binned(values: np.ndarray) -> np.ndarray:
+    """(bins,) means of what was taken along a motion."""
+    mean: np.ndarray = values.reshape(-1, SAMPLES // _EVERY).mean(axis=1)
+    return mean
+
+
 def _answer(machine: SliderCrank, turning: Turning) -> tuple[np.ndarray, np.ndarray]:
-    """(bins,) inertia that the crank feels [kg m^2], and the acceleration that an ideal machine would have.
+    """Inertia that the crank feels [kg m^2], and the acceleration an ideal machine would have, at instants.
 
     Args:
         machine: its joints are taken as ideal, its links, guide and frame as rigid.

@@ -35,6 +35,7 @@ _ASTRAY = 1.3  # times larger or smaller than another one: a clearance that mean
 _HOPELESS = 100.0  # misfit with a gap that is not worth another look
 _ELSEWHERE = ("soft_drive", "second_clearance", "rod_flexibility", "flexible_base", LOOSE_GUIDE)
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
+_OUTSIDE = ("crank", "rod", "slider")  # what acts there does work
 _FILM, _DRIVE = "joint_lubrication", "soft_drive"
 _EDGED = "process_load"  # at one place of many: a size alone says nothing
 
@@ -54,6 +55,7 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
     """Fit every effect of one size from a plausible one, where the path is far from right.
 
     A linear look beside such a path may promise nothing of an effect that, once there, follows the recording.
+    Where the work is balanced only effects inside the joint are tried.
     """
     if base.misfit < FAR:
         return
@@ -65,9 +67,10 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
         and group[0].fault is None
         and group[0].name not in (*_ELSEWHERE, *GEOMETRIC, _EDGED)
         and group[0].label not in known
+        and not (explanation.balanced and group[0].body in _OUTSIDE)
     ]
     drives = [group for group in _judged_elsewhere(search.others(base)) if group[0].name == _DRIVE]
-    _try_out(search, explanation, base, [*groups, *drives], None)
+    _try_out(search, explanation, base, [*groups, *([] if explanation.balanced else drives)], None)
 
 
 def begin_balanced(search: Search, explanation: Explanation) -> None:
@@ -79,9 +82,10 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
         suggested = suggest_forces(search)
     except np.linalg.LinAlgError:
         return
+    explanation.balanced = suggested == []
     surest = int(np.argmin([start.doubt for start in search.starts]))
     known: list[set[str]] = []  # one variant of each effect, one argument of a force without a name
-    for one in suggested:
+    for one in suggested or []:
         names = {h.name for h in one.hypotheses} if one.curve is None else {one.label}
         if names in known:
             continue

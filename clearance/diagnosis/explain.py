@@ -69,6 +69,8 @@ class Explanation:
         hints: of the first screening.
         suspected: body and direction of a force without a name that explains more than others, if one does.
         rails: between which the slider moves, if it does.
+        balanced: whether what acts on the links balances their motion, so that a joint, a link's shape or an
+            instrument is left.
     """
 
     nominal: Attempt
@@ -76,6 +78,7 @@ class Explanation:
     hints: list[Hint] = field(default_factory=list)
     suspected: tuple[str, str] | None = None
     rails: Rails | None = None
+    balanced: bool = False
 
     @property
     def best(self) -> Attempt:

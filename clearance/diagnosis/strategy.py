@@ -10,7 +10,7 @@ from clearance.diagnosis.elsewhere import (
     begin_guide,
     begin_plausible,
 )
-from clearance.diagnosis.explain import NEARLY, Explanation, Search, penalised
+from clearance.diagnosis.explain import FAR, NEARLY, Explanation, Search, penalised
 from clearance.diagnosis.free_search import fit_curve, name_curve, reshape, suggest_curve
 from clearance.diagnosis.geometry import suggest_channels
 from clearance.diagnosis.missing_force import Curve, unnamed
@@ -21,6 +21,7 @@ from clearance.diagnosis.widen import deafen, look, scrutinise, settled, widen
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
 _ROOM = 1.03  # misfit above which an effect that explains may have more parameters
+_SMALL = 0.5  # of what a machine that seems right leaves: what is small and right leaves less
 _FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
 _PAIRS = 3  # pairs that are fitted
 
@@ -32,13 +33,14 @@ def find_explanation(
 
     Where the path is not near, effects come first that give the torque which the motion needs. Then single
     effects that promise much of what is missing; dimensions and faulty sensors that the motion alone points
-    at; effects and faults that promise a good part. Beside one that explains a
-    good part, the next one. Then effects that promised little, since beside a path that is far from right
-    none promises much; forces of free form on the slider, or with which one recording is nearly explained;
-    effects that no linear look can judge; faults that promised little; pairs of which neither shows without
-    the other; other tables. A table is put to the test against names. What explains is looked beside for what
-    is small; where nothing takes away what is too much for a machine with nothing missing, effects that no
-    linear look can judge are tried. What is not needed is pruned.
+    at; where the work is balanced and the path is far, effects that no linear look can judge; effects and
+    faults that promise a good part. Beside one that explains a good part, the next one. Then effects that
+    promised little, since beside a path that is far from right none promises much; forces of free form on the
+    slider, or with which one recording is nearly explained; effects that no linear look can judge; faults
+    that promised little; pairs of which neither shows without the other; other tables. A table is put to the
+    test against names. What explains is looked beside for what is small; where nothing takes away what is too
+    much for a machine with nothing missing, effects that no linear look can judge are tried. What is not
+    needed is pruned.
 
     Args:
         search: after its nominal stage.
@@ -51,8 +53,7 @@ def find_explanation(
     if explained(explanation.best) and explanation.best.misfit > _ROOM and not search.late():
         enlarge(search, explanation)
     scrutinise(search, explanation, most)
-    unsettled = explanation.best is explanation.nominal and explained(explanation.nominal)
-    if unsettled and suspicious(explanation) and not search.late():
+    if _unsettled(explanation) and not search.late():
         begin_elsewhere(search, explanation, explanation.nominal)
     prune(search, explanation)
 
@@ -63,6 +64,7 @@ def _search_all(
     nominal = explanation.nominal
     prospects = look(search, explanation, nominal)
     built_on: list[Attempt] = []
+    explored: list[Attempt] = []
     waiting: list[Curve] = []
 
     def balance() -> None:
@@ -121,8 +123,15 @@ def _search_all(
             waiting.extend(found)
 
     def elsewhere() -> None:
-        if not built_on:  # they were tried beside a part already, which falls away where it is none
+        if not (
+            built_on or explored
+        ):  # they were tried beside a part already, which falls away if it is none
+            explored.append(nominal)
             begin_elsewhere(search, explanation, nominal)
+
+    def inside() -> None:
+        if explanation.balanced and nominal.misfit > FAR:
+            elsewhere()
 
     def pair() -> None:
         for hint in prospects.pairs[:_PAIRS]:
@@ -133,8 +142,8 @@ def _search_all(
         fit_curve(search, explanation, waiting)
 
     steps = (
-        balance, build_on, plain, motion, build_on, likely, build_on, unlikely, build_on, curve, elsewhere,
-        build_on, unlikely_faults, build_on, pair, build_on, other_curve,
+        balance, build_on, plain, motion, build_on, inside, likely, build_on, unlikely, build_on, curve,
+        elsewhere, build_on, unlikely_faults, build_on, pair, build_on, other_curve,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):
@@ -148,7 +157,14 @@ def _enough(explanation: Explanation) -> bool:
     """Whether the recordings are explained, or a table leaves so little that its shape alone is missing."""
     best = explanation.best
     table = unnamed(best.hypotheses) is not None
-    return explained(best) or (table and best.misfit < _PART * explanation.nominal.misfit)
+    return explained(best) or (table and best.misfit < min(_PART * explanation.nominal.misfit, NEARLY))
+
+
+def _unsettled(explanation: Explanation) -> bool:
+    """Whether a machine that seems right but for something small is not, and nothing small explains it."""
+    nominal, best = explanation.nominal, explanation.best
+    left = best.misfit - 1.0 > _SMALL * (nominal.misfit - 1.0)
+    return explained(nominal) and suspicious(explanation) and (best is nominal or left)
 
 
 def _in_part(attempt: Attempt, base: Attempt) -> bool:

@@ -1,7 +1,7 @@
 """Beside what was found so far: which hypotheses promise to explain more, and what comes of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from clearance.diagnosis.screening import Hint, screen
 from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, POOR, Attempt, explained, refine
 from clearance.diagnosis.significance import SURE
 from clearance.diagnosis.suspicion import suspect
+from clearance.diagnosis.torn import rejoin_impacts
 from clearance.diagnosis.trace import Trace, profile
 from clearance.errors import InputError
 
@@ -97,10 +98,10 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
             return
         found = screen(best, search.others(best), search.setting.joint, search.workers)
         explanation.hints = explanation.hints or found.singles
-        sure = [hint for hint in found.singles if hint.gain > SURE][:_FITTED]
-        for hint in sure:
+        sure = [replace(hint, values=_begun(hint)) for hint in found.singles if hint.gain > SURE]
+        for hint in (sure or rejoin_impacts(search, best))[:_FITTED]:
             search.report(f"  {hint.label}: small but sure, {hint.gain:.4g}")
-            held, values = beside(best, hint.hypotheses, _begun(hint))
+            held, values = beside(best, hint.hypotheses, hint.values)
             search.refit(explanation, held, best.followers, values, best.scale, 20)
         if explanation.best is best:
             return

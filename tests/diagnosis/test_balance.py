@@ -15,14 +15,14 @@ from clearance.diagnosis.measured import Measured, chain_of
 from clearance.diagnosis.trace import aligned
 from clearance.mechanism.drive import DirectCurrentMotor, SpeedControl, TorqueRipple
 from clearance.mechanism.guide import StribeckGuide
-from clearance.mechanism.load import LinearSpring
+from clearance.mechanism.load import ConstantProcess, LinearSpring
 from clearance.mechanism.slider_crank import SliderCrank
 
 SETTING = Setting(SliderCrank(), "C")
 NOMINAL = replace(SETTING.with_clearance(3e-4), drive=SpeedControl(700.0, ramp=0.1))
 EFFECTS = [
     "guide_friction", "slider_spring", "soft_drive", "torque_ripple", "rod_inertia",
-    "contact_stiffness",
+    "contact_stiffness", "process_load",
 ]  # fmt: skip
 
 
@@ -48,7 +48,7 @@ def test_a_machine_that_lacks_nothing_is_balanced():
 def test_a_nominal_motor_whose_voltage_nobody_knows_accuses_no_force():
     motor = Setting(replace(SETTING.machine, drive=DirectCurrentMotor(8.0, 700.0)), "C")
     machine = replace(motor.with_clearance(3e-4), drive=DirectCurrentMotor(8.0, 760.0))
-    assert suggest_forces(traced(machine, motor)) == []
+    assert suggest_forces(traced(machine, motor)) is None
 
 
 @pytest.mark.parametrize(
@@ -79,6 +79,14 @@ def test_a_load_moves_the_journal_and_with_it_the_clearance():
     settled = settle_in(search, suggest_forces(search)[0])
     assert settled.clearance == pytest.approx(3e-4, rel=0.03)
     assert settled.values[0] == pytest.approx(400.0, rel=0.03)
+
+
+def test_a_load_over_a_part_of_the_stroke_begins_and_ends_where_it_does():
+    search = traced(replace(NOMINAL, process=ConstantProcess(12.0, 0.1096, 0.1476)))
+    balance = _Balance(search, SETTING.with_clearance(3e-4), 3e-4)
+    found = balance.best(search.groups["process_load(force, start, end)"])
+    assert found.values[0] == pytest.approx(12.0, rel=0.05)
+    np.testing.assert_allclose(found.values[1:], [0.1096, 0.1476], atol=1e-3)  # of a stroke of 0.1 m
 
 
 @pytest.mark.slow

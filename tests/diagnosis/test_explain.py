@@ -16,7 +16,8 @@ from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.missing_force import FREE_FORM, Curve, along, as_function_of, refined
 from clearance.diagnosis.screening import Hint, _Column, _range
-from clearance.diagnosis.search import explained
+from clearance.diagnosis.search import explained, whole
+from clearance.diagnosis.torn import rejoin_impacts
 from clearance.diagnosis.verdict import estimates
 from clearance.diagnosis.widen import _begun, scrutinise
 from clearance.mechanism.applied_force import TabulatedForce
@@ -97,6 +98,21 @@ def test_what_explains_is_looked_beside_once_more():
     assert stiffness.value == pytest.approx(0.5, rel=0.12)
     assert stiffness.high < 0.8
     assert clearance.value == pytest.approx(1e-4, rel=2e-3)
+
+
+@pytest.mark.slow
+def test_what_changes_impacts_alone_shows_where_they_are_torn():
+    names = ("restitution", "contact_stiffness", "joint_lubrication", "gravity")
+    found, explanation = search(8e-4, names, contact=replace(Joint().contact, restitution=0.6))
+    nominal = explanation.nominal
+    assert explained(nominal), "one impact is torn, the rest follows"
+    assert not whole(nominal)
+    best, *others = rejoin_impacts(found, nominal)
+    assert best.label == "restitution(restitution)"
+    assert all(other.gain < 0.5 * best.gain for other in others)
+    scrutinise(found, explanation, 1)
+    assert explanation.best.label == best.label
+    assert estimates(explanation.best)[1].value == pytest.approx(0.6, abs=0.01)
 
 
 @pytest.mark.slow

@@ -1,0 +1,83 @@
+"""What would put impacts together that a model leaves torn.
+
+What changes impacts alone, as a restitution does, shows there alone. No linear look sees across an impact
+that is torn: its errors are so large that they hardly count. So the stretches around such impacts are fitted
+anew with each effect, everything else held; they are short, and this is quick.
+"""
+
+import numpy as np
+
+from clearance.diagnosis.explain import Search, beside
+from clearance.diagnosis.fit import settle
+from clearance.diagnosis.follow import EDGE
+from clearance.diagnosis.horizon import islands, mend
+from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.diagnosis.screening import Hint
+from clearance.diagnosis.search import Attempt, whole
+from clearance.diagnosis.significance import SURE
+from clearance.errors import InputError
+
+_TORN, _NEAR = 3.0, 5  # cost a sample of a segment that is torn; segments that are fitted with it
+_STEPS = 8  # of that
+_BEGUN = 0.3  # of an effect's plausible size, to begin with
+_HOPEFUL = 0.1  # of the best one's gain: less is no hint
+
+
+def rejoin_impacts(search: Search, base: Attempt) -> list[Hint]:
+    """Effects of one size that put torn impacts together, beside an attempt that follows otherwise.
+
+    Args:
+        search: with its hypotheses.
+        base: nothing where it follows everywhere.
+
+    Returns:
+        Those whose gain, the fall of the robust cost of the recording that has most of it, is beyond chance;
+        the best first.
+    """
+    if whole(base):
+        return []
+    ripped = [np.where(one.each > _TORN, one.local, 0.0) for one in base.fit.passes]
+    for one in ripped:
+        one[:EDGE] = one[-EDGE:] = 0.0
+    r = int(np.argmax([one.sum() for one in ripped]))
+    stretches, machine = islands(ripped[r] > 0.0, _NEAR), base.model.machine(base.fit.values[r])
+    without, _ = _refitted(search, base, r, stretches, [], np.zeros(0))
+    found = []
+    for group in search.others(base):
+        hypothesis, sizes = group[0], ~group[0].shapes
+        off, start = hypothesis.off[sizes], hypothesis.start[sizes]
+        if hypothesis.fault is not None or hypothesis.structural(machine) or len(off) > 1:
+            continue
+        if not np.isfinite(off).all():
+            continue
+        begun = hypothesis.start.copy()
+        begun[sizes] = off + _BEGUN * (start - off)
+        try:
+            cost, best = _refitted(search, base, r, stretches, [hypothesis], begun)
+        except (InputError, np.linalg.LinAlgError):
+            continue
+        found.append(Hint((hypothesis,), best, without - cost))
+    found.sort(key=lambda hint: -hint.gain)
+    return [hint for hint in found if hint.gain > max(SURE, _HOPEFUL * found[0].gain)]
+
+
+def _refitted(
+    search: Search,
+    base: Attempt,
+    r: int,
+    stretches: list[tuple[int, int]],
+    hypotheses: list[Hypothesis],
+    values: np.ndarray,
+) -> tuple[float, np.ndarray]:
+    """Cost of some stretches of recording ``r`` with hypotheses beside an attempt, and their values."""
+    held, rows = beside(base, hypotheses, values)
+    model, row = search.setting.model(held), rows[r]
+    follower = base.followers[r].part(0, base.followers[r].segments)
+    parts = []
+    for first, last in stretches:
+        mend(follower, model.held(row), first, last)
+        parts.append(follower.part(max(first, 0), min(last, follower.segments)))
+    added = list(range(base.model.shared, base.model.shared + len(values)))
+    begun = np.repeat(row[None, added], len(parts), axis=0)
+    found = settle(parts, model.only(added, row), begun, _STEPS, 1e-2, 1)
+    return found.cost, found.values[0]
