@@ -19,7 +19,7 @@ from clearance.errors import InputError
 
 _TORN, _NEAR = 3.0, 5  # cost a sample of a segment that is torn; segments that are fitted with it
 _STEPS = 8  # of that
-_BEGUN = 0.3  # of an effect's plausible size, to begin with
+_BEGUN = (0.3, 1.0)  # of an effect's plausible size, to begin with
 _HOPEFUL = 0.1  # of the best one's gain: less is no hint
 
 
@@ -50,15 +50,20 @@ def rejoin_impacts(search: Search, base: Attempt) -> list[Hint]:
             continue
         if not np.isfinite(off).all():
             continue
-        begun = hypothesis.start.copy()
-        begun[sizes] = off + _BEGUN * (start - off)
-        try:
-            cost, best = _refitted(search, base, r, stretches, [hypothesis], begun)
-        except (InputError, np.linalg.LinAlgError):
-            continue
-        found.append(Hint((hypothesis,), best, without - cost))
+        for share in _BEGUN:
+            begun = hypothesis.start.copy()
+            begun[sizes] = off + share * (start - off)
+            try:
+                cost, best = _refitted(search, base, r, stretches, [hypothesis], begun)
+            except (InputError, np.linalg.LinAlgError):
+                continue
+            found.append(Hint((hypothesis,), best, without - cost))
     found.sort(key=lambda hint: -hint.gain)
-    return [hint for hint in found if hint.gain > max(SURE, _HOPEFUL * found[0].gain)]
+    each: dict[str, Hint] = {}
+    for hint in found:
+        if hint.gain > max(SURE, _HOPEFUL * found[0].gain):
+            each.setdefault(hint.label, hint)
+    return list(each.values())
 
 
 def _refitted(
