@@ -16,12 +16,11 @@ from clearance.diagnosis.geometry import suggest_channels
 from clearance.diagnosis.missing_force import Curve, unnamed
 from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.simplify import enlarge, prune
-from clearance.diagnosis.verdict import suspicious
+from clearance.diagnosis.verdict import unsettled
 from clearance.diagnosis.widen import deafen, look, scrutinise, settled, widen
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
 _ROOM = 1.03  # misfit above which an effect that explains may have more parameters
-_SMALL = 0.5  # of what a machine that seems right leaves: what is small and right leaves less
 _FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
 _PAIRS = 3  # pairs that are fitted
 
@@ -53,8 +52,10 @@ def find_explanation(
     if explained(explanation.best) and explanation.best.misfit > _ROOM and not search.late():
         enlarge(search, explanation)
     scrutinise(search, explanation, most)
-    if _unsettled(explanation) and not search.late():
+    if unsettled(explanation) and not search.late():
         begin_elsewhere(search, explanation, explanation.nominal)
+        if explanation.best.hypotheses:
+            scrutinise(search, explanation, most)
     prune(search, explanation)
 
 
@@ -158,13 +159,6 @@ def _enough(explanation: Explanation) -> bool:
     best = explanation.best
     table = unnamed(best.hypotheses) is not None
     return explained(best) or (table and best.misfit < min(_PART * explanation.nominal.misfit, NEARLY))
-
-
-def _unsettled(explanation: Explanation) -> bool:
-    """Whether a machine that seems right but for something small is not, and nothing small explains it."""
-    nominal, best = explanation.nominal, explanation.best
-    left = best.misfit - 1.0 > _SMALL * (nominal.misfit - 1.0)
-    return explained(nominal) and suspicious(explanation) and (best is nominal or left)
 
 
 def _in_part(attempt: Attempt, base: Attempt) -> bool:

@@ -14,6 +14,7 @@ from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.significance import CALM, SURE
 from clearance.mechanism.applied_force import TabulatedForce
 
+_SMALL = 0.5  # of what a machine that seems right leaves: what is small and right leaves less
 _BLOCK = 5  # segments that count as one in the robust covariance
 _ALIKE = 12.0  # difference of penalised sums of squares below which two explanations are equivalent
 _BLIND, _UNSEEN = (
@@ -128,6 +129,13 @@ def suspicious(explanation: Explanation) -> bool:
     """Whether the nominal machine is further off than any on which nothing is missing, though it follows."""
     score = explanation.hints[0].gain if explanation.hints else 0.0
     return score > SURE or explanation.nominal.misfit > CALM
+
+
+def unsettled(explanation: Explanation) -> bool:
+    """Whether a machine that seems right but for something small is not, and nothing small explains it."""
+    nominal, best = explanation.nominal, explanation.best
+    left = best.misfit - 1.0 > _SMALL * (nominal.misfit - 1.0)
+    return explained(nominal) and suspicious(explanation) and (best is nominal or left)
 
 
 def place_of(explanation: Explanation) -> tuple[str | None, str | None]:

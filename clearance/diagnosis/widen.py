@@ -14,6 +14,7 @@ from clearance.diagnosis.significance import SURE
 from clearance.diagnosis.suspicion import suspect
 from clearance.diagnosis.torn import rejoin_impacts
 from clearance.diagnosis.trace import Trace, profile
+from clearance.diagnosis.verdict import unsettled
 from clearance.errors import InputError
 
 _FITTED = 4  # hypotheses of one screening that are fitted
@@ -85,7 +86,7 @@ def settled(search: Search, explanation: Explanation, base: Attempt) -> bool:
 
 
 def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
-    """Look beside what explains the recordings for what is small but sure, until nothing is.
+    """Look beside what explains the recordings for what is small but sure, until nothing is, or that says little.
 
     Args:
         search: with its recordings.
@@ -103,7 +104,7 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
             search.report(f"  {hint.label}: small but sure, {hint.gain:.4g}")
             held, values = beside(best, hint.hypotheses, hint.values)
             search.refit(explanation, held, best.followers, values, best.scale, 20)
-        if explanation.best is best:
+        if explanation.best is best or unsettled(explanation):
             return
         best = explanation.best
 

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 from clearance.diagnosis.explain import Explanation
-from clearance.diagnosis.strategy import _enough, _unsettled
+from clearance.diagnosis.strategy import _enough
+from clearance.diagnosis.verdict import unsettled
 from tests.diagnosis.test_verdict import attempt
 
 
@@ -22,7 +23,7 @@ from tests.diagnosis.test_verdict import attempt
 def test_something_small_that_leaves_most_does_not_end_the_search(nominal, gain, small, expected):
     attempts = [attempt(["rod_inertia"], misfit) for misfit in small]
     explanation = Explanation(attempt([], nominal), attempts, [SimpleNamespace(gain=gain)])
-    assert _unsettled(explanation) == expected
+    assert unsettled(explanation) == expected
 
 
 @pytest.mark.parametrize(("misfit", "expected"), [(1.2, True), (3.0, True), (15.0, False)])
