@@ -86,7 +86,7 @@ def settled(search: Search, explanation: Explanation, base: Attempt) -> bool:
 
 
 def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
-    """Look beside what explains the recordings for what is small but sure, while it says much of what is missing.
+    """Look beside what explains the recordings for what is small but sure, while that says much.
 
     Args:
         search: with its recordings.
