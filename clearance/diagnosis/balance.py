@@ -114,12 +114,24 @@ class Balanced:
         )
 
 
-def suggest_forces(search: Search) -> list[Balanced] | None:
-    """Effects that leave little of the imbalance, alone or two together, the best first.
+@dataclass(frozen=True)
+class Suggested:
+    """What the balance of work says of the nominal machine.
+
+    Attributes:
+        forces: effects that leave little of the imbalance, alone or two together, the best first.
+        balanced: whether there is none to speak of.
+    """
+
+    forces: list[Balanced]
+    balanced: bool
+
+
+def suggest_forces(search: Search) -> Suggested | None:
+    """What would give the torque that the motion needs and the nominal machine lacks.
 
     Returns:
-        No effects where what acts on the links balances their motion; ``None`` where the nominal drive is not
-        a speed control, so that the balance cannot be asked.
+        ``None`` where the nominal drive is not a speed control, so that the balance cannot be asked.
 
     Args:
         search: with its profile and alignments.
@@ -132,7 +144,7 @@ def suggest_forces(search: Search) -> list[Balanced] | None:
     balance = _Balance(search, search.setting.with_clearance(search.profile.best), search.profile.best)
     before = balance.fit((), np.zeros(0)).cost
     if before < _BALANCED:
-        return []
+        return Suggested([], balanced=True)
     groups = [
         group
         for group in search.groups.values()
@@ -159,7 +171,7 @@ def suggest_forces(search: Search) -> list[Balanced] | None:
         search.report(
             f"  the balance of work agrees with {one.label} = {shown}: {one.cost / before:.1%} are left"
         )
-    return found
+    return Suggested(found, balanced=False)
 
 
 def _priced(one: Balanced) -> float:
@@ -381,7 +393,7 @@ def _binned(values: np.ndarray) -> np.ndarray:
 
 
 def _answer(machine: SliderCrank, turning: Turning) -> tuple[np.ndarray, np.ndarray]:
-    """Inertia that the crank feels [kg m^2], and the acceleration an ideal machine would have, at instants.
+    """(instants,) inertia that the crank feels [kg m^2]; (instants,) acceleration of an ideal machine.
 
     Args:
         machine: its joints are taken as ideal, its links, guide and frame as rigid.

@@ -82,10 +82,12 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
         suggested = suggest_forces(search)
     except np.linalg.LinAlgError:
         return
-    explanation.balanced = suggested == []
+    if suggested is None:
+        return
+    explanation.balanced, explanation.unpushed = suggested.balanced, not suggested.forces
     surest = int(np.argmin([start.doubt for start in search.starts]))
     known: list[set[str]] = []  # one variant of each effect, one argument of a force without a name
-    for one in suggested or []:
+    for one in suggested.forces:
         names = {h.name for h in one.hypotheses} if one.curve is None else {one.label}
         if names in known:
             continue
@@ -135,8 +137,9 @@ def _try_out(
     tried: list[tuple[float, list[Hypothesis], np.ndarray]] = []
 
     def everywhere(held: list[Hypothesis], row: np.ndarray) -> bool:
+        before = explanation.best
         search.keep(explanation, held, lambda: _everywhere(search, held, row, surest, base))
-        return explained(explanation.best) and explanation.best is not base
+        return explained(explanation.best) and explanation.best is not before
 
     for group in groups:
         for hypothesis in group[:_TRIALS]:

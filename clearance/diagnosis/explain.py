@@ -69,8 +69,8 @@ class Explanation:
         hints: of the first screening.
         suspected: body and direction of a force without a name that explains more than others, if one does.
         rails: between which the slider moves, if it does.
-        balanced: whether what acts on the links balances their motion, so that a joint, a link's shape or an
-            instrument is left.
+        balanced: whether the drive and the known loads give the torque that the motion needs.
+        unpushed: whether no force on the links would give what they do not.
     """
 
     nominal: Attempt
@@ -79,6 +79,7 @@ class Explanation:
     suspected: tuple[str, str] | None = None
     rails: Rails | None = None
     balanced: bool = False
+    unpushed: bool = False
 
     @property
     def best(self) -> Attempt:

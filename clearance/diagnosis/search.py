@@ -19,8 +19,9 @@ POOR = 3.0  # misfit up to which a model is not given up on the way, whatever ot
 COARSE = Integrator("runge_kutta_4", 1e-5, 1)  # while a path is looked for: half the work
 FINE = Integrator("runge_kutta_4", 1e-5, 2)  # of what is asserted: errors far below the noise
 _LOOKS = 3  # at most, to put torn impacts together
-_APART, _SOME = 3.0, 0.01  # cost a sample of a segment that is not followed; share of these that may be
-_TORN, _MANY, _NEAR = 2.0, 0.3, 5  # cost a sample; share of segments; segments fitted with a torn one
+APART, _SOME = 3.0, 0.01  # cost a sample of a segment that is not followed; share of these that may be
+NEAR = 5  # segments that are fitted with a torn one
+_TORN, _MANY = 2.0, 0.3  # cost a sample; share of segments
 _NOTHING = np.zeros((1, 0))
 
 
@@ -128,7 +129,7 @@ def mend_torn(followers: Sequence[Follower], model: Model, found: Fit) -> bool:
         torn = one.local > _TORN * one.residual[0].size
         if 0.0 < torn.mean() < _MANY:
             some = True
-            for first, last in islands(torn, _NEAR):
+            for first, last in islands(torn, NEAR):
                 mend(follower, model.held(found.values[r]), first, last)
     return some
 
@@ -199,4 +200,4 @@ def whole(attempt: Attempt) -> bool:
         one.each[EDGE:-EDGE]
         for one in attempt.fit.passes
     ])  # fmt: skip
-    return bool((each > _APART).mean() <= _SOME)
+    return bool((each > APART).mean() <= _SOME)

@@ -32,8 +32,8 @@ def find_explanation(
 
     Where the path is not near, effects come first that give the torque which the motion needs. Then single
     effects that promise much of what is missing; dimensions and faulty sensors that the motion alone points
-    at; where the work is balanced and the path is far, effects that no linear look can judge; effects and
-    faults that promise a good part. Beside one that explains a good part, the next one. Then effects that
+    at; where no force gives that torque and the path is far, effects that no linear look can judge; effects
+    and faults that promise a good part. Beside one that explains a good part, the next one. Then effects that
     promised little, since beside a path that is far from right none promises much; forces of free form on the
     slider, or with which one recording is nearly explained; effects that no linear look can judge; faults
     that promised little; pairs of which neither shows without the other; other tables. A table is put to the
@@ -65,7 +65,7 @@ def _search_all(
     nominal = explanation.nominal
     prospects = look(search, explanation, nominal)
     built_on: list[Attempt] = []
-    explored: list[Attempt] = []
+    explored = False
     waiting: list[Curve] = []
 
     def balance() -> None:
@@ -124,14 +124,13 @@ def _search_all(
             waiting.extend(found)
 
     def elsewhere() -> None:
-        if not (
-            built_on or explored
-        ):  # they were tried beside a part already, which falls away if it is none
-            explored.append(nominal)
+        nonlocal explored  # beside the nominal machine, or beside a part, which falls away where it is none
+        if not (built_on or explored):
+            explored = True
             begin_elsewhere(search, explanation, nominal)
 
     def inside() -> None:
-        if explanation.balanced and nominal.misfit > FAR:
+        if explanation.unpushed and nominal.misfit > FAR:
             elsewhere()
 
     def pair() -> None:

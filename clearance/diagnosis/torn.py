@@ -13,12 +13,11 @@ from clearance.diagnosis.follow import EDGE
 from clearance.diagnosis.horizon import islands, mend
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.screening import Hint
-from clearance.diagnosis.search import Attempt, whole
+from clearance.diagnosis.search import APART, NEAR, Attempt, explained, whole
 from clearance.diagnosis.significance import SURE
 from clearance.errors import InputError
 
-_TORN, _NEAR = 3.0, 5  # cost a sample of a segment that is torn; segments that are fitted with it
-_STEPS = 8  # of that
+_STEPS = 8  # in which a stretch is fitted
 _BEGUN = (0.3, 1.0)  # of an effect's plausible size, to begin with
 _HOPEFUL = 0.1  # of the best one's gain: less is no hint
 
@@ -26,34 +25,38 @@ _HOPEFUL = 0.1  # of the best one's gain: less is no hint
 def rejoin_impacts(search: Search, base: Attempt) -> list[Hint]:
     """Effects of one size that put torn impacts together, beside an attempt that follows otherwise.
 
+    Not asked: effects that add coordinates or vanish at infinity, and faults of sensors.
+
     Args:
         search: with its hypotheses.
-        base: nothing where it follows everywhere.
+        base: nothing where it does not explain, or follows everywhere.
 
     Returns:
         Those whose gain, the fall of the robust cost of the recording that has most of it, is beyond chance;
         the best first.
     """
-    if whole(base):
+    if not explained(base) or whole(base):
         return []
-    ripped = [np.where(one.each > _TORN, one.local, 0.0) for one in base.fit.passes]
+    ripped = [np.where(one.each > APART, one.local, 0.0) for one in base.fit.passes]
     for one in ripped:
         one[:EDGE] = one[-EDGE:] = 0.0
     r = int(np.argmax([one.sum() for one in ripped]))
-    stretches, machine = islands(ripped[r] > 0.0, _NEAR), base.model.machine(base.fit.values[r])
+    stretches, machine = islands(ripped[r] > 0.0, NEAR), base.model.machine(base.fit.values[r])
     without, _ = _refitted(search, base, r, stretches, [], np.zeros(0))
-    found = []
+    found: list[Hint] = []
     for group in search.others(base):
         hypothesis, sizes = group[0], ~group[0].shapes
         off, start = hypothesis.off[sizes], hypothesis.start[sizes]
-        if hypothesis.fault is not None or hypothesis.structural(machine) or len(off) > 1:
-            continue
-        if not np.isfinite(off).all():
+        if search.late():
+            break
+        if hypothesis.fault is not None or len(off) > 1 or not np.isfinite(off).all():
             continue
         for share in _BEGUN:
             begun = hypothesis.start.copy()
             begun[sizes] = off + share * (start - off)
             try:
+                if hypothesis.structural(machine):
+                    break
                 cost, best = _refitted(search, base, r, stretches, [hypothesis], begun)
             except (InputError, np.linalg.LinAlgError):
                 continue
@@ -78,10 +81,11 @@ def _refitted(
     held, rows = beside(base, hypotheses, values)
     model, row = search.setting.model(held), rows[r]
     follower = base.followers[r].part(0, base.followers[r].segments)
+    follower.signals[:] = base.followers[r].signals  # the filter reaches beyond a stretch
     parts = []
     for first, last in stretches:
         mend(follower, model.held(row), first, last)
-        parts.append(follower.part(max(first, 0), min(last, follower.segments)))
+        parts.append(follower.part(first, last))
     added = list(range(base.model.shared, base.model.shared + len(values)))
     begun = np.repeat(row[None, added], len(parts), axis=0)
     found = settle(parts, model.only(added, row), begun, _STEPS, 1e-2, 1)

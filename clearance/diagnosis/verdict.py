@@ -14,7 +14,8 @@ from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.significance import CALM, SURE
 from clearance.mechanism.applied_force import TabulatedForce
 
-_SMALL = 0.5  # of what a machine that seems right leaves: what is small and right leaves less
+_FLOOR = 1.05  # misfit that a right model may leave
+_SMALL = 0.5  # of the nominal machine's misfit above 1: what is small and right leaves less
 _BLOCK = 5  # segments that count as one in the robust covariance
 _ALIKE = 12.0  # difference of penalised sums of squares below which two explanations are equivalent
 _BLIND, _UNSEEN = (
@@ -134,7 +135,7 @@ def suspicious(explanation: Explanation) -> bool:
 def unsettled(explanation: Explanation) -> bool:
     """Whether a machine that seems right but for something small is not, and nothing small explains it."""
     nominal, best = explanation.nominal, explanation.best
-    left = best.misfit - 1.0 > _SMALL * (nominal.misfit - 1.0)
+    left = best.misfit > _FLOOR and best.misfit - 1.0 > _SMALL * (nominal.misfit - 1.0)
     return explained(nominal) and suspicious(explanation) and (best is nominal or left)
 
 

@@ -86,7 +86,10 @@ def settled(search: Search, explanation: Explanation, base: Attempt) -> bool:
 
 
 def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
-    """Look beside what explains the recordings for what is small but sure, while that says much.
+    """Look beside what explains the recordings for what is small but sure, until nothing is.
+
+    Where a linear look finds nothing that helps, impacts that are torn are asked. What is found beside the
+    nominal machine and says little of what is missing is not built on.
 
     Args:
         search: with its recordings.
@@ -100,13 +103,22 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
         found = screen(best, search.others(best), search.setting.joint, search.workers)
         explanation.hints = explanation.hints or found.singles
         sure = [replace(hint, values=_begun(hint)) for hint in found.singles if hint.gain > SURE]
-        for hint in (sure or rejoin_impacts(search, best))[:_FITTED]:
-            search.report(f"  {hint.label}: small but sure, {hint.gain:.4g}")
-            held, values = beside(best, hint.hypotheses, hint.values)
-            search.refit(explanation, held, best.followers, values, best.scale, 20)
-        if explanation.best is best or unsettled(explanation):
+        _refit(search, explanation, best, sure)
+        if explanation.best is best:
+            _refit(search, explanation, best, rejoin_impacts(search, best))
+        if explanation.best is best or (best is explanation.nominal and unsettled(explanation)):
             return
         best = explanation.best
+
+
+def _refit(search: Search, explanation: Explanation, base: Attempt, hints: Sequence[Hint]) -> None:
+    """Fit on the paths of ``base`` what is small but sure beside it."""
+    for hint in hints[:_FITTED]:
+        if search.late():
+            return
+        search.report(f"  {hint.label}: small but sure, {hint.gain:.4g}")
+        held, values = beside(base, hint.hypotheses, hint.values)
+        search.refit(explanation, held, base.followers, values, base.scale, 20)
 
 
 def deafen(search: Search, explanation: Explanation, base: Attempt, channel: str) -> None:

@@ -41,7 +41,7 @@ def traced(machine, setting=SETTING):
 
 
 def test_a_machine_that_lacks_nothing_is_balanced():
-    assert suggest_forces(traced(NOMINAL)) == []
+    assert suggest_forces(traced(NOMINAL)).balanced
 
 
 @pytest.mark.slow
@@ -67,7 +67,7 @@ def test_a_nominal_motor_whose_voltage_nobody_knows_accuses_no_force():
     ],
 )
 def test_a_force_is_named_from_the_motion_alone(laws, name, values):
-    best = suggest_forces(traced(replace(NOMINAL, **laws)))[0]
+    best = suggest_forces(traced(replace(NOMINAL, **laws))).forces[0]
     assert [h.name for h in best.hypotheses] == [name]
     np.testing.assert_allclose(best.values[: len(values)], values, rtol=0.1)
 
@@ -76,7 +76,7 @@ def test_a_force_is_named_from_the_motion_alone(laws, name, values):
 def test_a_load_moves_the_journal_and_with_it_the_clearance():
     search = traced(replace(NOMINAL, spring=LinearSpring(400.0, 0.11)))
     assert search.profile.best != pytest.approx(3e-4, rel=0.04)
-    settled = settle_in(search, suggest_forces(search)[0])
+    settled = settle_in(search, suggest_forces(search).forces[0])
     assert settled.clearance == pytest.approx(3e-4, rel=0.03)
     assert settled.values[0] == pytest.approx(400.0, rel=0.03)
 
@@ -92,7 +92,7 @@ def test_a_load_over_a_part_of_the_stroke_begins_and_ends_where_it_does():
 @pytest.mark.slow
 def test_two_forces_at_once():
     both = replace(NOMINAL, spring=LinearSpring(400.0, 0.11), ripple=TorqueRipple(1.5, 3.0, 0.7))
-    best = suggest_forces(traced(both))[0]
+    best = suggest_forces(traced(both)).forces[0]
     assert {h.name for h in best.hypotheses} == {"slider_spring", "torque_ripple"}
 
 
