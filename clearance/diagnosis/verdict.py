@@ -9,7 +9,7 @@ import numpy as np
 from clearance.diagnosis.explain import Explanation, penalised
 from clearance.diagnosis.fit import Fit
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
-from clearance.diagnosis.missing_force import unnamed
+from clearance.diagnosis.missing_force import FREE_FORM, unnamed
 from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.significance import CALM, SURE
 from clearance.mechanism.applied_force import TabulatedForce
@@ -38,8 +38,12 @@ class Estimate:
     high: float
 
 
-def deviations(fit: Fit) -> np.ndarray:
+def deviations(fit: Fit, combined: np.ndarray | None = None) -> np.ndarray:
     """(P,) standard deviations of shared parameters: the larger of the model's own and the block-robust ones.
+
+    Args:
+        fit: of a model.
+        combined: (P, P) combinations of the parameters, whose deviations are wanted instead.
 
     Reference: White 1982, Econometrica 50(1), 1-25 (sandwich); blocks, since neighbouring segments share
     what the states could not explain.
@@ -47,7 +51,7 @@ def deviations(fit: Fit) -> np.ndarray:
     model = fit.model
     shared, count = model.shared, len(model.unknowns)
     own = count - shared
-    inverse = _covariance(fit.information)
+    root = _root(fit.information)
     total = len(fit.information)
     middle = np.zeros((total, total))
     for r, one in enumerate(fit.passes):
@@ -57,13 +61,16 @@ def deviations(fit: Fit) -> np.ndarray:
         blocks = len(scores) // _BLOCK
         summed = scores[: blocks * _BLOCK].reshape(blocks, _BLOCK, count).sum(axis=1)
         middle[np.ix_(places, places)] += summed.T @ summed
-    robust = np.sqrt(np.maximum(np.diag(inverse @ middle @ inverse), 0.0))
-    plain = np.sqrt(np.maximum(np.diag(inverse), 0.0))
-    return np.maximum(robust, plain)[:shared]
+    rows = np.eye(shared, total) if combined is None else np.pad(combined, ((0, 0), (0, total - shared)))
+    seen = rows @ root  # what nobody sees cancels here, before it is squared
+    robust = np.einsum("ij,jk,ik->i", seen, root.T @ middle @ root, seen)
+    return np.sqrt(np.maximum(np.maximum(robust, 0.0), (seen**2).sum(axis=1)))
 
 
-def _covariance(information: np.ndarray) -> np.ndarray:
-    """Inverse of the information; huge along what the recordings say nothing about.
+def _root(information: np.ndarray) -> np.ndarray:
+    """(P, P) root of the covariance, which is huge along what the recordings say nothing about.
+
+    Its product with its own transpose is the inverse of the information.
 
     A direction that derivatives by differences leave below ``_BLIND`` of what its parameters would tell alone
     is no direction that was seen: a motor's no-load speed beside the unknown speed, for example.
@@ -72,7 +79,8 @@ def _covariance(information: np.ndarray) -> np.ndarray:
     unit = np.sqrt(np.where(np.diag(clean) > 0.0, np.diag(clean), 1.0))
     values, vectors = np.linalg.eigh(clean / np.outer(unit, unit))
     seen = np.where(values > _BLIND, values, _UNSEEN)
-    return (vectors / seen) @ vectors.T / np.outer(unit, unit)
+    root: np.ndarray = vectors / np.sqrt(seen) / unit[:, None]
+    return root
 
 
 def estimates(attempt: Attempt) -> list[Estimate]:
@@ -87,13 +95,17 @@ def estimates(attempt: Attempt) -> list[Estimate]:
 
 
 def withdraw(explanation: Explanation) -> None:
-    """Withdraw attempts with an effect whose every size may as well be off, until the best has none."""
+    """Withdraw attempts with an effect whose every size may as well be off, until the best has none.
+
+    Not a force of free form: it is tried where the nominal machine does not explain, and together its knots
+    may be sure though each is not; a constant torque, for example, is the drive's.
+    """
     while explanation.best.hypotheses:
         best = explanation.best
         numbers, place, sure = estimates(best), 1, True
         for hypothesis in best.hypotheses:
             sizes = [i for i in range(len(hypothesis.unknowns)) if not _shape(hypothesis, i)]
-            sure &= any(
+            sure &= hypothesis.name == FREE_FORM or any(
                 not numbers[place + i].low <= hypothesis.off[i] <= numbers[place + i].high for i in sizes
             )
             place += len(hypothesis.unknowns)
@@ -315,14 +327,21 @@ def effects_of(attempt: Attempt, chance: dict[int, float]) -> list[dict[str, Any
 
 
 def free_form_of(attempt: Attempt, setting: Setting) -> dict[str, Any] | None:
-    """The table of an attempt's force of free form as the contract writes it, with its 95 % band."""
+    """The table of an attempt's force of free form as the contract writes it, with its 95 % band.
+
+    Of a torque only what varies is given: a constant one cannot be told from what the drive is asked for.
+    """
     hypothesis = unnamed(attempt.hypotheses)
     if hypothesis is None:
         return None
     place = 1 + sum(len(h.unknowns) for h in attempt.hypotheses[: attempt.hypotheses.index(hypothesis)])
     count = len(hypothesis.unknowns)
-    found = estimates(attempt)[place : place + count]
-    law = hypothesis.apply(setting.machine, np.array([n.value for n in found])).force
+    combined = np.eye(attempt.model.shared)
+    if hypothesis.direction == "torque":
+        combined[place : place + count, place : place + count] -= 1.0 / count
+    forces = (combined @ attempt.fit.values[0, : attempt.model.shared])[place : place + count]
+    band = 1.96 * deviations(attempt.fit, combined)[place : place + count]
+    law = hypothesis.apply(setting.machine, forces).force
     assert isinstance(law, TabulatedForce)
     spacing = 2.0 * np.pi / count if law.repeats else float(law.spacing or 0.0)
     knots = law.start + spacing * np.arange(count)
@@ -330,6 +349,6 @@ def free_form_of(attempt: Attempt, setting: Setting) -> dict[str, Any] | None:
         "body": law.body, "direction": law.direction, "argument": law.argument,
         "unit": "N m" if law.direction in ("torque", "moment") else "N",
         "argument_unit": _UNITS.get(law.argument, "N"),
-        "table": [[float(k), n.value] for k, n in zip(knots, found, strict=True)],
-        "low": [n.low for n in found], "high": [n.high for n in found],
+        "table": [[float(k), float(force)] for k, force in zip(knots, forces, strict=True)],
+        "low": (forces - band).tolist(), "high": (forces + band).tolist(),
     }  # fmt: skip

@@ -7,16 +7,22 @@ import pytest
 
 from clearance.diagnosis import verdict
 from clearance.diagnosis.explain import Explanation, Rails
+from clearance.diagnosis.fit import Fit, Model, Unknown
+from clearance.diagnosis.hypothesis import Setting
+from clearance.diagnosis.missing_force import Curve, free_form
+from clearance.diagnosis.search import Attempt
 from clearance.diagnosis.verdict import (
     Estimate,
-    _covariance,
+    _root,
     clearance_of,
     equivalents,
+    free_form_of,
     place_of,
     sentences,
     verdict_of,
     withdraw,
 )
+from clearance.mechanism.slider_crank import SliderCrank
 
 
 def attempt(names, misfit, kind="physics", off=0.0):
@@ -118,13 +124,42 @@ def test_an_effect_whose_interval_excludes_off_stays(monkeypatch):
     assert explanation.best is sure
 
 
+def test_a_table_of_which_each_knot_may_be_off_is_not_withdrawn(monkeypatch):
+    table = attempt(["free_form"], 1.0)
+    monkeypatch.setattr(
+        verdict, "estimates", lambda _: [Estimate(3e-4, 3e-4, 3e-4), Estimate(5.0, -9e3, 9e3)]
+    )
+    explanation = Explanation(attempt([], 50.0), [table])
+    withdraw(explanation)
+    assert explanation.best is table
+
+
+def test_of_a_torque_without_a_name_only_what_varies_is_given():
+    wave = np.array([1.0, 0.0, -1.0, 0.0])
+    curve = Curve("crank", "torque", "crank_angle", 0.5 * np.pi * np.arange(4), wave, wave, 0.0, 0.0)
+    hypothesis = free_form(curve, "C")
+    unknowns = (Unknown("clearance", 1.0), *hypothesis.unknowns, Unknown("speed", 1.0, own=True))
+    contrasts = np.eye(4) - 0.25  # the recordings tell differences alone
+    information = np.zeros((6, 6))
+    information[0, 0] = information[5, 5] = 1.0
+    information[1:5, 1:5] = 100.0 * contrasts
+    values = np.array([[3e-4, *(wave - 700.0), 700.0]])
+    one = SimpleNamespace(parts=np.zeros((5, 6)))
+    fit = Fit(Model(unknowns, lambda _: None), values, 0.0, [one], information)
+    table = Attempt((hypothesis,), fit.model, fit, 1.0, 1.0, [])
+    found = free_form_of(table, Setting(SliderCrank(), "C"))
+    np.testing.assert_allclose([force for _, force in found["table"]], wave, atol=1e-9)
+    np.testing.assert_allclose(np.array(found["high"]) - wave, 1.96 * 0.1 * np.sqrt(0.75), rtol=1e-3)
+
+
 def test_what_derivatives_leave_of_an_unseen_direction_is_no_knowledge():
     unit = np.array([1e6, 1.0, 1e-3])
     seen = np.array([[2.0, 1.0, 0.1], [1.0, 3.0, 0.2], [0.1, 0.2, 1.0]])
     information = seen * np.outer(unit, unit)
-    np.testing.assert_allclose(_covariance(information), np.linalg.inv(information), rtol=1e-9)
+    root = _root(information)
+    np.testing.assert_allclose(root @ root.T, np.linalg.inv(information), rtol=1e-9)
     # the second parameter does what the first does, but for rounding of the derivatives
     twins = np.array([[1.0, 1.0, 0.1], [1.0, 1.0 + 1e-9, 0.1], [0.1, 0.1, 1.0]]) * np.outer(unit, unit)
-    deviation = np.sqrt(np.diag(_covariance(twins))) * unit
+    deviation = np.linalg.norm(_root(twins), axis=1) * unit
     assert (deviation[:2] > 1e6).all()
     assert deviation[2] == pytest.approx(1.0, rel=0.02)
