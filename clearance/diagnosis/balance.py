@@ -23,7 +23,7 @@ from scipy.optimize import minimize_scalar
 from clearance.compilation import entry
 from clearance.diagnosis.explain import Search
 from clearance.diagnosis.geometry import GEOMETRIC
-from clearance.diagnosis.hypothesis import SMALLEST_CLEARANCE, Hypothesis
+from clearance.diagnosis.hypothesis import SMALLEST_CLEARANCE, Hypothesis, Setting
 from clearance.diagnosis.measured import SAMPLES
 from clearance.diagnosis.missing_force import Curve, free_form, knots_over, refined
 from clearance.diagnosis.reconstruction import reconstruct
@@ -42,14 +42,14 @@ _EDGE = 3  # bins at both ends, which the smoother knows from one side only
 _EVERY = 2  # samples: bins are their means, so that a law may begin or end within one
 _ROBUST = 2.0  # times the scatter beyond which a bin loses weight
 _BALANCED = 3.0  # mean square in units of the scatter up to which nothing is missing here
-_LEFT = 0.88  # of it: an effect that leaves more is not suggested (wrong ones left 0.94 and more)
+_TAKEN = 0.12  # of it: what an effect takes away at least for each of its sizes (wrong ones 0.06 for one)
 _FREE = 0.65  # likewise of a force of free form
 _BOTH = 0.4  # of what the better one of two leaves: they are suggested together
 _PROMISING = 0.9  # of the imbalance: what leaves less may be one of two
 _FIRST = 2  # single effects beside which a second one is looked for
 _ITERATIONS, _REWEIGHTED = 12, 4
 _SETTLED = 1e-3  # share by which the cost still falls
-_PRICE = 0.01  # of what is left, for each parameter
+_PRICE, _PRICE_OF_KNOT = 0.04, 0.01  # of what is left, for each size of an effect and each knot of a table
 _UNNAMED = 1.15  # times as much
 _SHOWN = 3
 _WITHIN, _CLOSER = 0.7, 10  # of the clearance's logarithm; clearances that are compared there
@@ -106,6 +106,11 @@ class Balanced:
     curve: Curve | None = None
 
     @property
+    def sizes(self) -> int:
+        """Number of parameters that are no shape."""
+        return sum(int((~h.shapes).sum()) for h in self.hypotheses)
+
+    @property
     def label(self) -> str:
         """The hypotheses' labels."""
         shown = " + ".join(h.label for h in self.hypotheses)
@@ -127,30 +132,31 @@ class Suggested:
     balanced: bool
 
 
-def suggest_forces(search: Search) -> Suggested | None:
-    """What would give the torque that the motion needs and the nominal machine lacks.
+def suggest_forces(search: Search, setting: Setting, clearance: float) -> Suggested | None:
+    """What would give the torque that the motion needs and a machine lacks.
 
     Returns:
         ``None`` where the nominal drive is not a speed control, so that the balance cannot be asked.
 
     Args:
-        search: with its profile and alignments.
+        search: with its alignments.
+        setting: the machine.
+        clearance: of its joint [m].
 
     Raises:
         LinAlgError: a linkage that does not turn.
     """
-    if not isinstance(search.setting.machine.drive, SpeedControl):
+    if not isinstance(setting.machine.drive, SpeedControl):
         return None  # a motor's slope goes with its voltage, which nobody knows
-    balance = _Balance(search, search.setting.with_clearance(search.profile.best), search.profile.best)
+    machine = setting.with_clearance(clearance)
+    balance = _Balance(search, setting, machine, clearance)
     before = balance.fit((), np.zeros(0)).cost
     if before < _BALANCED:
         return Suggested([], balanced=True)
     groups = [
         group
         for group in search.groups.values()
-        if group[0].fault is None
-        and group[0].name not in GEOMETRIC
-        and not group[0].structural(search.setting.with_clearance(search.profile.best))
+        if group[0].fault is None and group[0].name not in GEOMETRIC and not group[0].structural(machine)
     ]
     singles = [one for group in groups if (one := balance.best(group)) is not None]
     singles.sort(key=lambda one: one.cost)
@@ -163,7 +169,7 @@ def suggest_forces(search: Search) -> Suggested | None:
             if pair is not None and pair.cost < _BOTH * min(first.cost, other.cost):
                 pairs.append(pair)
     tables = balance.tables()
-    found = [one for one in [*singles, *pairs] if one.cost < _LEFT * before]
+    found = [one for one in [*singles, *pairs] if one.cost < (1.0 - _TAKEN * one.sizes) * before]
     found += [one for one in tables if one.cost < _FREE * before]
     found.sort(key=_priced)
     for one in found[:_SHOWN]:
@@ -175,14 +181,15 @@ def suggest_forces(search: Search) -> Suggested | None:
 
 
 def _priced(one: Balanced) -> float:
-    """What is left, and a share of it for each parameter; names first; the angle can say all of the place."""
-    price = 1.0 + _PRICE * len(one.values)
+    """What is left, and a share of it for each size; names first; the angle can say all of the place."""
+    price = 1.0 + _PRICE * one.sizes
     if one.curve is not None:
+        price = 1.0 + _PRICE_OF_KNOT * len(one.values)
         price *= _UNNAMED**2 if one.curve.argument == "crank_angle" else _UNNAMED
     return one.cost * price
 
 
-def settle_in(search: Search, one: Balanced) -> Balanced:
+def settle_in(search: Search, setting: Setting, one: Balanced) -> Balanced:
     """The same, when clearance and path have been sought anew with the loads that it puts on the links.
 
     Where the slider is pushed, the journal lies elsewhere than the nominal machine's motion would have it.
@@ -194,7 +201,7 @@ def settle_in(search: Search, one: Balanced) -> Balanced:
     if all(hypothesis.body == "crank" for hypothesis in one.hypotheses):
         return one
 
-    model, asked = search.setting.model(one.hypotheses), search.alignments[0].speed * 30.0 / pi
+    model, asked = setting.model(one.hypotheses), search.alignments[0].speed * 30.0 / pi
 
     def machine(clearance: float) -> SliderCrank:
         return model.machine(np.concatenate([[clearance], one.values, [asked]]))
@@ -210,7 +217,7 @@ def settle_in(search: Search, one: Balanced) -> Balanced:
         options={"maxiter": _CLOSER},
     )  # fmt: skip
     clearance = float(np.exp(found.x))
-    balance = _Balance(search, machine(clearance), clearance)
+    balance = _Balance(search, setting, machine(clearance), clearance)
     again = [balance.fit(one.hypotheses, one.values)]
     if one.hypotheses[0].name == _EDGED and len(one.hypotheses) == 1:  # its edges may have been met wrongly
         again += [other for other in [balance.best(one.hypotheses)] if other is not None]
@@ -220,8 +227,8 @@ def settle_in(search: Search, one: Balanced) -> Balanced:
 class _Balance:
     """The torques that recordings need, beside those that a machine would give."""
 
-    def __init__(self, search: Search, machine: SliderCrank, clearance: float) -> None:
-        self.search, self.clearance = search, clearance
+    def __init__(self, search: Search, setting: Setting, machine: SliderCrank, clearance: float) -> None:
+        self.setting, self.clearance = setting, clearance
         self.turnings: list[Turning] = []
         for measured, known in zip(search.recordings, search.alignments, strict=True):
             path = reconstruct(measured, machine.parameters(), loose(machine), known.speed, known.angle)
@@ -283,7 +290,7 @@ class _Balance:
 
     def _table(self, curve: Curve) -> Balanced | None:
         """A force of free form from the forces of a curve on."""
-        one = self.tried((free_form(curve, self.search.setting.joint),), curve.forces)
+        one = self.tried((free_form(curve, self.setting.joint),), curve.forces)
         if one is None:
             return None
         if curve.body == "crank":  # a constant torque is the drive's
@@ -353,7 +360,7 @@ class _Balance:
             (bins of all recordings,) [N m]; (bins, offsets) torques by which the drive of each recording may
             be off, since nobody knows what it is asked for; (unknowns) times (bins,) by the values, negative.
         """
-        model = self.search.setting.model(hypotheses)
+        model = self.setting.model(hypotheses)
         asked = [float(np.mean(turning.speed)) * 30.0 / pi for turning in self.turnings]
         if not any(hypothesis.name == _DRIVE for hypothesis in hypotheses):
             asked = asked[:1]  # what another speed asks for is one of the offsets

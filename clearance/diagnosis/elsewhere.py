@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 
@@ -79,7 +80,7 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
     if nominal.misfit < NEARLY:
         return
     try:
-        suggested = suggest_forces(search)
+        suggested = suggest_forces(search, search.setting, search.profile.best)
     except np.linalg.LinAlgError:
         return
     if suggested is None:
@@ -93,7 +94,7 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
             continue
         known.append(names)
         try:
-            settled = settle_in(search, one)
+            settled = settle_in(search, search.setting, one)
         except (InputError, np.linalg.LinAlgError):
             continue
         shown = ", ".join(f"{value:.4g}" for value in settled.values)
@@ -179,6 +180,8 @@ def _try_out(
 def begin_dimensions(search: Search, explanation: Explanation, channels: Sequence[str]) -> None:
     """Fit dimensions and faults with which the motion alone agrees better, on paths that are sought anew.
 
+    Beside a dimension that does not explain all, with a force that the balance of work then names.
+
     Args:
         search: after its nominal stage.
         explanation: added to.
@@ -186,17 +189,43 @@ def begin_dimensions(search: Search, explanation: Explanation, channels: Sequenc
     """
     surest = int(np.argmin([start.doubt for start in search.starts]))
     for one in suggest_dimensions(search, channels):
-        held, values = beside(explanation.nominal, [one.hypothesis], np.array([one.value]))
-        row = values[surest]
-        row[0] = one.clearance
-        search.keep(
-            explanation, held,
-            lambda held=held, row=row: _everywhere(  # type: ignore[misc]
-                search, held, row, surest, explanation.nominal
-            ),
-        )  # fmt: skip
+        size = np.array([one.value])
+        _begin_dimension(search, explanation, [one.hypothesis], size, one.clearance, surest)
+        if explained(explanation.best) or search.late():
+            return
+        if one.hypothesis.fault is not None:
+            continue
+        setting = replace(search.setting, machine=one.hypothesis.apply(search.setting.machine, size))
+        try:
+            suggested = suggest_forces(search, setting, one.clearance)
+            named = [force for force in suggested.forces if force.curve is None] if suggested else []
+            force = settle_in(search, setting, named[0]) if named else None
+        except (InputError, np.linalg.LinAlgError):
+            continue
+        if force is not None:
+            both = [one.hypothesis, *force.hypotheses]
+            sizes = np.append(size, force.values)
+            _begin_dimension(search, explanation, both, sizes, force.clearance, surest)
         if explained(explanation.best):
             return
+
+
+def _begin_dimension(
+    search: Search,
+    explanation: Explanation,
+    hypotheses: Sequence[Hypothesis],
+    sizes: np.ndarray,
+    clearance: float,
+    surest: int,
+) -> None:
+    """Fit a dimension, alone or with a force, from a clearance [m] on paths that are sought anew."""
+    held, values = beside(explanation.nominal, hypotheses, sizes)
+    row = values[surest]
+    row[0] = clearance
+    search.keep(
+        explanation, held,
+        lambda: _everywhere(search, held, row, surest, explanation.nominal, len(hypotheses) > 1),
+    )  # fmt: skip
 
 
 def begin_guide(search: Search, explanation: Explanation) -> None:

@@ -40,15 +40,20 @@ def traced(machine, setting=SETTING):
     return search
 
 
+def suggested(search, setting=SETTING):
+    """What the balance says of the machine as it is."""
+    return suggest_forces(search, setting, search.profile.best)
+
+
 def test_a_machine_that_lacks_nothing_is_balanced():
-    assert suggest_forces(traced(NOMINAL)).balanced
+    assert suggested(traced(NOMINAL)).balanced
 
 
 @pytest.mark.slow
 def test_a_nominal_motor_whose_voltage_nobody_knows_accuses_no_force():
     motor = Setting(replace(SETTING.machine, drive=DirectCurrentMotor(8.0, 700.0)), "C")
     machine = replace(motor.with_clearance(3e-4), drive=DirectCurrentMotor(8.0, 760.0))
-    assert suggest_forces(traced(machine, motor)) is None
+    assert suggested(traced(machine, motor), motor) is None
 
 
 @pytest.mark.parametrize(
@@ -67,7 +72,7 @@ def test_a_nominal_motor_whose_voltage_nobody_knows_accuses_no_force():
     ],
 )
 def test_a_force_is_named_from_the_motion_alone(laws, name, values):
-    best = suggest_forces(traced(replace(NOMINAL, **laws))).forces[0]
+    best = suggested(traced(replace(NOMINAL, **laws))).forces[0]
     assert [h.name for h in best.hypotheses] == [name]
     np.testing.assert_allclose(best.values[: len(values)], values, rtol=0.1)
 
@@ -76,14 +81,14 @@ def test_a_force_is_named_from_the_motion_alone(laws, name, values):
 def test_a_load_moves_the_journal_and_with_it_the_clearance():
     search = traced(replace(NOMINAL, spring=LinearSpring(400.0, 0.11)))
     assert search.profile.best != pytest.approx(3e-4, rel=0.04)
-    settled = settle_in(search, suggest_forces(search).forces[0])
+    settled = settle_in(search, SETTING, suggested(search).forces[0])
     assert settled.clearance == pytest.approx(3e-4, rel=0.03)
     assert settled.values[0] == pytest.approx(400.0, rel=0.03)
 
 
 def test_a_load_over_a_part_of_the_stroke_begins_and_ends_where_it_does():
     search = traced(replace(NOMINAL, process=ConstantProcess(12.0, 0.1096, 0.1476)))
-    balance = _Balance(search, SETTING.with_clearance(3e-4), 3e-4)
+    balance = _Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4)
     found = balance.best(search.groups["process_load(force, start, end)"])
     assert found.values[0] == pytest.approx(12.0, rel=0.05)
     np.testing.assert_allclose(found.values[1:], [0.1096, 0.1476], atol=1e-3)  # of a stroke of 0.1 m
@@ -92,13 +97,13 @@ def test_a_load_over_a_part_of_the_stroke_begins_and_ends_where_it_does():
 @pytest.mark.slow
 def test_two_forces_at_once():
     both = replace(NOMINAL, spring=LinearSpring(400.0, 0.11), ripple=TorqueRipple(1.5, 3.0, 0.7))
-    best = suggest_forces(traced(both)).forces[0]
+    best = suggested(traced(both)).forces[0]
     assert {h.name for h in best.hypotheses} == {"slider_spring", "torque_ripple"}
 
 
 def test_a_force_without_a_name_is_a_table_and_what_is_inside_a_joint_does_no_work():
     search = traced(replace(NOMINAL, spring=LinearSpring(400.0, 0.11)))
-    balance = _Balance(search, SETTING.with_clearance(search.profile.best), search.profile.best)
+    balance = _Balance(search, SETTING, SETTING.with_clearance(search.profile.best), search.profile.best)
     tables = [one for one in balance.tables() if one.curve.body == "slider"]
     place = next(one for one in tables if one.curve.argument == "slider_position")
     inner = slice(1, -1)
