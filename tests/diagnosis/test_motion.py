@@ -118,6 +118,7 @@ def test_nothing_is_found_where_nothing_is_missing():
     assert found["fit"]["held_out"]["after"] < 1.1
 
 
+@pytest.mark.slow
 def test_a_motor_that_sags_under_gravity_and_an_encoder_off_zero():
     recording = planted(
         6.0,
