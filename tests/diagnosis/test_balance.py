@@ -64,7 +64,7 @@ def test_a_nominal_motor_whose_voltage_nobody_knows_accuses_no_force():
         ({"drive": SpeedControl(700.0, 1.5, 40.0, ramp=0.1)}, "soft_drive", [1.5, 40.0]),
         ({"guide_friction": StribeckGuide(coulomb_force=8.0)}, "guide_friction", [8.0]),
         ({"ripple": TorqueRipple(1.5, 3.0, 0.7)}, "torque_ripple", [1.5, 3.0]),
-        ({"drive": DirectCurrentMotor(8.0, 740.0)}, "soft_drive", [8.0 / (740.0 * np.pi / 30.0)]),
+        ({"drive": DirectCurrentMotor(8.0, 740.0)}, "soft_drive", [8.0]),
     ],
 )
 def test_a_force_is_named_from_the_motion_alone(laws, name, values):
