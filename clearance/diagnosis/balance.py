@@ -20,26 +20,17 @@ from math import pi
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from clearance.compilation import entry
 from clearance.diagnosis.explain import Search
 from clearance.diagnosis.geometry import GEOMETRIC
 from clearance.diagnosis.hypothesis import SMALLEST_CLEARANCE, Hypothesis, Setting
-from clearance.diagnosis.measured import SAMPLES
 from clearance.diagnosis.missing_force import Curve, free_form, knots_over, refined
 from clearance.diagnosis.reconstruction import reconstruct
 from clearance.diagnosis.trace import CLEARANCES, COMPARED, agreement, loose
+from clearance.diagnosis.turning import Turning, answer, binned
 from clearance.errors import InputError
-from clearance.mechanism.applied_force import CONSTANTS
 from clearance.mechanism.drive import Drive, Free, Smooth, SpeedControl
-from clearance.mechanism.parameters import Family, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
-from clearance.simulation.batch import aligned
-from clearance.simulation.equations import evaluate
-from clearance.simulation.kinematics import project
-from clearance.simulation.layout import RESULTS, STATES, Result, State
 
-_EDGE = 3  # bins at both ends, which the smoother knows from one side only
-_EVERY = 2  # samples: bins are their means, so that a law may begin or end within one
 _ROBUST = 2.0  # times the scatter beyond which a bin loses weight
 _BALANCED = 3.0  # mean square in units of the scatter up to which nothing is missing here
 _TAKEN = 0.12  # of it: what an effect takes away at least for each of its sizes (wrong ones 0.06 for one)
@@ -54,37 +45,12 @@ _UNNAMED = 1.15  # times as much
 _SHOWN = 3
 _WITHIN, _CLOSER = 0.7, 10  # of the clearance's logarithm; clearances that are compared there
 _DRIVE = "soft_drive"
-_RIGID = [Family.JOINT_B, Family.JOINT_C, Family.GUIDE, Family.LINK, Family.FRAME]
 _EDGED, _EDGES = "process_load", 9  # places along the stroke where it may begin or end
 _TABLES = {
     ("slider", "x"): ("slider_position", "slider_velocity", "crank_angle"),
     ("crank", "torque"): ("crank_angle",),
 }
 """Where forces of free form are looked for, as functions of what; time is another one in every recording."""
-_TORQUE = 1e-3  # N m, that tells how much turning the crank takes
-
-
-@dataclass(frozen=True)
-class Turning:
-    """A recording's motion as the crank feels it, instant by instant.
-
-    Attributes:
-        time: (instants,) [s].
-        angle: (instants,) of the crank [rad].
-        speed: (instants,) [rad/s].
-        acceleration: (instants,) [rad/s^2].
-        torque: (instants,) that the motion needs [N m].
-        place: (instants,) of an ideal machine's slider [m].
-        slide: (instants,) its change by the crank's angle [m/rad].
-    """
-
-    time: np.ndarray
-    angle: np.ndarray
-    speed: np.ndarray
-    acceleration: np.ndarray
-    torque: np.ndarray
-    place: np.ndarray
-    slide: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -121,7 +87,7 @@ class Balanced:
 
 @dataclass(frozen=True)
 class Suggested:
-    """What the balance of work says of the nominal machine.
+    """What the balance of work says of a machine.
 
     Attributes:
         forces: effects that leave little of the imbalance, alone or two together, the best first.
@@ -232,16 +198,12 @@ class _Balance:
         self.turnings: list[Turning] = []
         for measured, known in zip(search.recordings, search.alignments, strict=True):
             path = reconstruct(measured, machine.parameters(), loose(machine), known.speed, known.angle)
-            rows = path.turning[:, : path.turning.shape[1] // SAMPLES * SAMPLES]
-            angle, speed, acceleration, torque = rows[:, _EDGE * SAMPLES : -_EDGE * SAMPLES : _EVERY]
-            time = _EVERY / measured.chain.rate * np.arange(len(angle))
-            ideal = _ideal(machine.parameters(), angle)
-            self.turnings.append(Turning(time, angle, speed, acceleration, torque, *ideal))
+            self.turnings.append(Turning.along(path, machine, measured.chain.rate))
         bare = replace(machine, drive=Free(), ripple=Smooth())
         self.beyond = []  # what the play of the journals needs beyond the ideal motion [N m]
         for turning in self.turnings:
-            inertia, acceleration = _answer(bare, turning)
-            self.beyond.append(_binned(turning.torque - inertia * (turning.acceleration - acceleration)))
+            inertia, acceleration = answer(bare, turning)
+            self.beyond.append(binned(turning.torque - inertia * (turning.acceleration - acceleration)))
         left, offsets, _ = self._left((), np.zeros(0))
         left = left - offsets @ np.linalg.lstsq(offsets, left, rcond=None)[0]
         ends = np.cumsum([len(part) for part in self.beyond])[:-1]
@@ -370,8 +332,8 @@ class _Balance:
             machines *= len(self.turnings) // len(machines)
             parts = []
             for machine, turning in zip(machines, self.turnings, strict=True):
-                inertia, acceleration = _answer(machine, turning)
-                parts.append(_binned(inertia * (acceleration - turning.acceleration)))
+                inertia, acceleration = answer(machine, turning)
+                parts.append(binned(inertia * (acceleration - turning.acceleration)))
             return np.concatenate(parts), [machine.drive for machine in machines]
 
         torque, drives = given(values)
@@ -379,7 +341,7 @@ class _Balance:
         begin = 0
         for turning, drive in zip(self.turnings, drives, strict=True):
             controlled = isinstance(drive, SpeedControl)  # a motor's speed follows from its load
-            time = _binned(turning.time)
+            time = binned(turning.time)
             for one in [np.ones(len(time)), time] if controlled else []:
                 column = np.zeros(len(torque))
                 column[begin : begin + len(one)] = one
@@ -391,70 +353,3 @@ class _Balance:
             moved[i] += model.step(np.concatenate([[0.0], values]), i + 1)
             steps.append((given(moved)[0] - torque) / (moved[i] - values[i]))
         return np.concatenate(self.beyond) - torque, np.array(offsets).reshape(-1, len(torque)).T, steps
-
-
-def _binned(values: np.ndarray) -> np.ndarray:
-    """(bins,) means of what was taken along a motion."""
-    mean: np.ndarray = values.reshape(-1, SAMPLES // _EVERY).mean(axis=1)
-    return mean
-
-
-def _answer(machine: SliderCrank, turning: Turning) -> tuple[np.ndarray, np.ndarray]:
-    """(instants,) inertia that the crank feels [kg m^2]; (instants,) acceleration of an ideal machine.
-
-    Args:
-        machine: its joints are taken as ideal, its links, guide and frame as rigid.
-        turning: motion; the integral of the drive's speed error begins at zero with it.
-    """
-    codes, p = machine.codes(), aligned(len(machine.parameters()))
-    codes[_RIGID] = 0
-    p[:] = machine.parameters()[:, None]
-    if not codes[Family.FORCE]:
-        codes[Family.FORCE] = CONSTANTS
-    integral = p[Parameter.DRIVE_SPEED, 0] * turning.time - (turning.angle - turning.angle[0])
-    motion = np.stack([turning.angle, turning.speed, integral, turning.time])
-    out = np.zeros((2, motion.shape[1]))
-    work = aligned(RESULTS + STATES)
-    accelerate(codes, p, motion, work, out[0])
-    p[Parameter.FORCE_CRANK_TORQUE] += _TORQUE
-    accelerate(codes, p, motion, work, out[1])
-    return _TORQUE / (out[1] - out[0]), out[0]
-
-
-@entry
-def accelerate(
-    codes: np.ndarray, p: np.ndarray, motion: np.ndarray, work: np.ndarray, out: np.ndarray
-) -> None:
-    """Angular acceleration of an ideal machine's crank at each instant of a motion.
-
-    Args:
-        codes: (families,) chosen laws; joints ideal.
-        p: (PARAMETERS, WIDTH), all lanes alike.
-        motion: (4, instants) crank angle [rad], speed [rad/s], integral of the drive [rad], time [s].
-        work: (RESULTS + STATES, WIDTH) scratch.
-        out: (instants,) written [rad/s^2].
-    """
-    r, s = work[:RESULTS], work[RESULTS:]
-    width, count = p.shape[1], motion.shape[1]
-    for begin in range(0, count, width):
-        for lane in range(width):
-            k = min(begin + lane, count - 1)
-            s[State.CRANK_ANGLE, lane] = motion[0, k]
-            s[State.CRANK_SPEED, lane] = motion[1, k]
-            s[State.DRIVE_INTEGRAL, lane] = motion[2, k]
-            s[State.TIME, lane] = motion[3, k]
-        project(codes, p, s)
-        evaluate(codes, p, s, r)
-        for lane in range(min(width, count - begin)):
-            out[begin + lane] = r[Result.CRANK, lane]
-
-
-def _ideal(p: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Position of an ideal machine's slider [m], and its change by the crank's angle [m/rad]."""
-    length = p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]
-    crank = p[Parameter.CRANK_LENGTH]
-    sine = (p[Parameter.GUIDE_OFFSET] - crank * np.sin(angle)) / length
-    cosine = np.sqrt(1.0 - sine**2)
-    swing = -crank * np.cos(angle) / (length * cosine)
-    place = crank * np.cos(angle) + length * cosine
-    return place, -crank * np.sin(angle) - length * sine * swing
