@@ -345,11 +345,11 @@ def _of_one_size(hypothesis: Hypothesis) -> bool:
 
 
 def _judged_elsewhere(groups: Sequence[Sequence[Hypothesis]]) -> list[Sequence[Hypothesis]]:
-    """The simplest variants of the effects in ``_ELSEWHERE``, in that order."""
+    """The simplest variants of the effects in ``_ELSEWHERE``, in that order; both kinds of drive."""
     single = [g for g in groups if g[0].name in _ELSEWHERE and _single(g[0])]
     fewest: dict[str, int] = {}
     for group in single:
         count = len(group[0].unknowns)
         fewest[group[0].name] = min(count, fewest.get(group[0].name, count))
-    chosen = [g for g in single if len(g[0].unknowns) == fewest[g[0].name]]
+    chosen = [g for g in single if g[0].name == _DRIVE or len(g[0].unknowns) == fewest[g[0].name]]
     return sorted(chosen, key=lambda g: _ELSEWHERE.index(g[0].name))

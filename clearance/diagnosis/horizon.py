@@ -12,7 +12,7 @@ from clearance.diagnosis.follow import EDGE, Follower
 from clearance.diagnosis.particles import rejoin
 
 AHEAD = 2  # segments that are predicted beyond a new one
-_HORIZON = 6  # segments that are corrected with a new one
+_HORIZON = 12  # segments that are corrected with a new one
 _CORRECTIONS = 3  # iterations of that
 _ENOUGH = 1.05  # cost a sample at which a step is good
 _GOAL = 1.2  # cost a sample of a stretch that is followed

@@ -192,16 +192,14 @@ class Setting:
         )
 
         def build(values: np.ndarray) -> SliderCrank:
-            machine = self.with_clearance(values[0])
-            drive = machine.drive
-            assert isinstance(drive, Drive)
-            machine = replace(machine, drive=settled(drive.at_speed(float(values[-1]))))
-            place = 1
+            machine, place = self.with_clearance(values[0]), 1
             for hypothesis in hypotheses:
                 count = len(hypothesis.unknowns)
                 machine = hypothesis.apply(machine, values[place : place + count])
                 place += count
-            return machine
+            drive = machine.drive
+            assert isinstance(drive, Drive)
+            return replace(machine, drive=settled(drive.at_speed(float(values[-1]))))
 
         def sense(values: np.ndarray) -> Instrument:
             instrument, place = Instrument(), 1

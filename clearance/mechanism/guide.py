@@ -6,7 +6,10 @@ from typing import Any, ClassVar
 from clearance.compilation import kernel
 from clearance.lanes import absolute, exponential, get, maximum, where, zero
 from clearance.mechanism.friction import smoothed_sign
+from clearance.mechanism.jump import until_reached
 from clearance.mechanism.parameters import Family, Law, Parameter, require
+
+_BEYOND = 1e-8  # m, a strike is foreseen no better
 
 
 @kernel
@@ -16,6 +19,14 @@ def shoe_force(p: Any, height: Any, rate: Any) -> Any:
     depth = absolute(height) - get(p, Parameter.GUIDE_GAP)
     push = get(p, Parameter.GUIDE_STIFFNESS) * depth + get(p, Parameter.GUIDE_DAMPING) * (side * rate)
     return where(depth > 0.0, -side * maximum(push, 0.0), zero(height))
+
+
+@kernel
+def until_shoe_strikes(p: Any, height: Any, rate: Any, acceleration: Any, most: Any) -> Any:
+    """Time [s] until one end of the shoe meets the guide, where ``shoe_force`` jumps; at most ``most``."""
+    gap = get(p, Parameter.GUIDE_GAP)
+    above = until_reached(gap - height, _BEYOND, rate, acceleration, most)
+    return until_reached(gap + height, _BEYOND, -rate, -acceleration, above)
 
 
 @kernel

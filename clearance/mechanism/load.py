@@ -6,7 +6,10 @@ from typing import Any, ClassVar
 from clearance.compilation import kernel
 from clearance.errors import InputError
 from clearance.lanes import get, where, zero
+from clearance.mechanism.jump import until_reached
 from clearance.mechanism.parameters import Family, Law, Parameter, require
+
+_BEYOND = 1e-8  # m, an edge is foreseen no better
 
 
 @kernel
@@ -21,6 +24,15 @@ def process_force(p: Any, position: Any) -> Any:
     working = (position >= get(p, Parameter.PROCESS_START)) & (position <= get(p, Parameter.PROCESS_END))
     force = get(p, Parameter.PROCESS_FORCE)
     return where(working, -force, zero(force))
+
+
+@kernel
+def until_process_changes(p: Any, position: Any, velocity: Any, acceleration: Any, most: Any) -> Any:
+    """Time [s] until the working stroke begins or ends, where ``process_force`` jumps; at most ``most``."""
+    for edge in (get(p, Parameter.PROCESS_START), get(p, Parameter.PROCESS_END)):
+        most = until_reached(edge - position, _BEYOND, velocity, acceleration, most)
+        most = until_reached(position - edge, _BEYOND, -velocity, -acceleration, most)
+    return most
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from clearance.diagnosis.effect import (
     load_effects,
     read_effect,
 )
-from clearance.diagnosis.hypothesis import of_effect
+from clearance.diagnosis.hypothesis import Setting, gather, of_effect
 from clearance.diagnosis.instrument import Instrument
 from clearance.errors import InputError
 from clearance.mechanism.drive import DirectCurrentMotor, SpeedControl
@@ -134,9 +134,9 @@ def test_effects_act_where_they_say():
     assert machine.rod.inertia == NOMINAL.rod.inertia
     assert machine.rod.center_of_mass == pytest.approx(0.6)
     (drive,) = load_effects("soft_drive")
-    motor = drive.variants()[1].machine(NOMINAL, "C", {"stall_torque": 3.0, "no_load_ratio": 1.1})
+    motor = drive.variants()[1].machine(NOMINAL, "C", {"stall_torque": 3.0})
     assert isinstance(motor.drive, DirectCurrentMotor)
-    assert (motor.drive.stall_torque, motor.drive.no_load_rpm) == (3.0, pytest.approx(770.0))
+    assert motor.drive.stall_torque == 3.0
     (process,) = load_effects("process_load")
     machine = process.machine(NOMINAL, "C", {"force": 5.0, "start": 0.15, "end": 0.16})
     assert (machine.process.start, machine.process.end) == (0.15, 0.16)
@@ -238,6 +238,12 @@ def test_what_an_effect_cannot_do_is_said():
     (drive,) = load_effects("soft_drive")
     with pytest.raises(InputError, match=r"mechanism\.drive\.proportional: DirectCurrentMotor has no"):
         drive.machine(replace(NOMINAL, drive=DirectCurrentMotor()), "C", {"proportional": 1.0})
+
+
+def test_the_no_load_speed_of_a_motor_is_each_recordings_own():
+    groups = gather(load_effects("soft_drive"), NOMINAL, "C", ())
+    model = Setting(NOMINAL, "C").model([groups["soft_drive(stall_torque)"][0]])
+    assert model.machine(np.array([1e-4, 3.0, 650.0])).drive == DirectCurrentMotor(3.0, 650.0)
 
 
 def test_a_phase_of_zero_can_be_fitted_and_a_count_cannot():

@@ -74,10 +74,10 @@ def test_agrees_with_an_independent_integration(joints):
 
     if joints == "none":
         assert error(1e-5) < 1e-6
-    else:  # touch falls between steps, which costs the scheme its order: the error is halved with the step
-        coarse, fine = error(1e-6), error(2.5e-7)
-        assert coarse < 0.01
-        assert fine < 0.5 * coarse
+    else:  # a step across a touch would cost the scheme its order: they end there
+        coarse, fine = error(5e-6), error(1e-6)
+        assert coarse < 0.02
+        assert fine < 0.2 * coarse
 
 
 LAWS = [LankaraniNikravesh, HuntCrossley, Flores]

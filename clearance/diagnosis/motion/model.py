@@ -28,8 +28,6 @@ _LARGEST_CLEARANCE = 2e-3  # m
 _KEPT = 256  # machines that are not made anew
 _RESOLVED = 0.4  # of the sampling rate: what repeats faster is not looked for
 _LATEST = 0.05  # s, of a channel's delay
-OF_THE_SPEED = ("no_load_ratio",)
-"""Parameters of effects that only scale a speed which is refitted for each recording anyway."""
 
 
 @dataclass(frozen=True)
@@ -119,16 +117,14 @@ class Term:
 def term_of(effect: Effect, machine: SliderCrank, joint: str) -> Term | None:
     """The term of one variant of an effect; ``None`` where the machine takes none of its starts."""
     starts = list(effect.starts(machine, joint))
-    free = [parameter for parameter in effect.free if parameter.name not in OF_THE_SPEED]
-    if not starts or not free:
+    if not starts:
         return None
     try:
         off = effect.off(machine, joint)
     except InputError:
         return None
-    kept = replace(effect, free=tuple(free))
     unknowns = []
-    for parameter in free:
+    for parameter in effect.free:
         low, high = parameter.bounds
         size = max(abs(parameter.start), abs(parameter.start - _finite(off[parameter.name])))
         size = size or 0.05 * (high - low)
@@ -143,7 +139,7 @@ def term_of(effect: Effect, machine: SliderCrank, joint: str) -> Term | None:
     inner = [np.array([u.inner(start[u.name]) for u in unknowns]) for start in starts]
     different = {tuple(v): v for v in inner}
     outside = np.array([u.inner(off[u.name]) if isfinite(off[u.name]) else off[u.name] for u in unknowns])
-    return Term(kept, joint, tuple(unknowns), outside, tuple(different.values()))
+    return Term(effect, joint, tuple(unknowns), outside, tuple(different.values()))
 
 
 def _finite(value: float) -> float:
