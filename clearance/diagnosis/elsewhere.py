@@ -25,7 +25,7 @@ from clearance.diagnosis.geometry import GEOMETRIC, LOOSE_GUIDE, suggest_dimensi
 from clearance.diagnosis.growth import Start, grow
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.missing_force import KNOTS
-from clearance.diagnosis.search import EXPLAINED, FOLLOWED, LOOSENESS, POOR, Attempt, explained
+from clearance.diagnosis.search import EXPLAINED, LOOSENESS, POOR, Attempt, explained
 from clearance.errors import InputError
 
 _FITTED = 2  # of them that are fitted to all recordings
@@ -33,7 +33,8 @@ _LEFT = 0.3  # of what a base that explains leaves: what is right leaves less
 _LOOKS = 3  # at all recordings
 _TRIALS = 3  # plausible shapes or sizes of an effect that are tried
 _ASTRAY = 1.3  # times larger or smaller than another one: a clearance that means another path
-_HOPELESS = 100.0  # misfit with a gap that is not worth another look
+_GAPS = (1.0, 0.95, 1.05, 1.1, 0.9)  # times that which the motion shows: rattling is followed within 3 %
+_HOPELESS = 30.0  # misfit with a gap that is not worth another look
 _ELSEWHERE = ("soft_drive", "second_clearance", "rod_flexibility", "flexible_base", LOOSE_GUIDE)
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
 _OUTSIDE = ("crank", "rod", "slider")  # what acts there does work
@@ -231,7 +232,8 @@ def _begin_dimension(
 def begin_guide(search: Search, explanation: Explanation) -> None:
     """Fit play of the slider in its guide, from the gap that the motion shows.
 
-    A shoe that rattles is lost at many strikes, so its path is looked for with patience.
+    A shoe that rattles is lost at many strikes, so its path is looked for with patience. The clearance is
+    fitted first: from 1.6 % off it was found on two machines, once the gap was nearly right.
     """
     try:
         one = suggest_guide(search)
@@ -244,11 +246,12 @@ def begin_guide(search: Search, explanation: Explanation) -> None:
     held, values = beside(nominal, [one.hypothesis], np.array([one.value]))
     model = search.setting.model(held)
     values[:, 0] = one.clearance
-    begun = {r: _anew(search, model, values[r], r) for r in range(len(values))}
-    for r in sorted(begun, key=lambda r: begun[r].doubt):
-        start, row = begun[r], values[r]
-        if start.doubt > FOLLOWED:
-            start = _anew(search, model, row, r, PATIENCE)
+    for factor in _GAPS:
+        tried = values.copy()
+        tried[:, 1] *= factor
+        begun = [_anew(search, model, row, r) for r, row in enumerate(tried)]
+        r = int(np.argmin([start.doubt for start in begun]))
+        row, start = tried[r], begun[r]
         for _ in range(_LOOKS):
             if search.late():
                 return
@@ -256,7 +259,7 @@ def begin_guide(search: Search, explanation: Explanation) -> None:
             try:
                 found = grow(start, model, row, _HOPELESS, patient=True)
             except (InputError, np.linalg.LinAlgError):  # the gap has closed
-                found = None
+                break
             if found is None:
                 break
             row = found[1]

@@ -168,11 +168,13 @@ class Search:
                 break
         return best
 
-    def begin(self, traces: Sequence[Trace], model: Model, values: np.ndarray) -> list[Start]:
+    def begin(
+        self, traces: Sequence[Trace], model: Model, values: np.ndarray, patience: int = 0
+    ) -> list[Start]:
         """Where each recording can be followed from by a machine with these values."""
 
         def one(r: int) -> Start:
-            return Start.of(traces[r], model.held(values[r]), LOOSENESS)
+            return Start.of(traces[r], model.held(values[r]), LOOSENESS, patience)
 
         with ThreadPoolExecutor(self.workers) as pool:
             return list(pool.map(one, range(len(traces))))

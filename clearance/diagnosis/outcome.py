@@ -11,7 +11,7 @@ import numpy as np
 
 from clearance.diagnosis.effect import Effect
 from clearance.diagnosis.evidence import gather_evidence
-from clearance.diagnosis.explain import Explanation, Search
+from clearance.diagnosis.explain import PATIENCE, Explanation, Search
 from clearance.diagnosis.fit import Model, Unknown
 from clearance.diagnosis.follow import STRUCTURE
 from clearance.diagnosis.hypothesis import Setting
@@ -208,7 +208,9 @@ def _held_out(
         with ThreadPoolExecutor(search.workers) as pool:
             traces = list(pool.map(one, held_out))
         values = np.array([[trace.speed] for trace in traces])
-        found = search.grown((), values, search.begin(traces, only_speed, values), model=only_speed)
+        right = explained(attempt)  # what explains its own recordings is looked for with patience in others
+        starts = search.begin(traces, only_speed, values, PATIENCE if right else 0)
+        found = search.grown((), values, starts, model=only_speed, patient=right)
     assert found is not None
     values = found.fit.values
     found.fit.values = np.concatenate(
