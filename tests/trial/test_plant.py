@@ -87,21 +87,21 @@ def test_without_clearance_it_is_the_closed_form():
 
 @pytest.mark.parametrize("joint", ["none", "B", "C", "both"])
 def test_the_nominal_plant_is_the_engine_at_a_fine_step(joint):
-    """From rest. The engine takes the approach speed at the first step inside: first order in its step."""
+    """From rest, as closely as the plant's own step allows, which goes across touches."""
     plant = Plant(joint=joint, clearance=C, speed_rpm=SPEED, ramp=0.1, step=5e-7)
     own = plant.run(0.03).signals
     scale = own[:, :10].std(axis=0).max()
     engine = machine(joint, drive=SpeedControl(SPEED, ramp=0.1))
     errors = []
-    for step in (4e-7, 1e-7):
+    for step in (5e-6, 1e-6):
         run = simulate_trajectory(engine, Integrator("runge_kutta_4", step), 0.03, round(1e-5 / step))
         errors.append(distance(own, run.signals) / scale)
-        np.testing.assert_allclose(run.signals[:, 10], own[:, 10], atol=1e-6)
+    np.testing.assert_allclose(run.signals[:, 10], own[:, 10], atol=1e-6)
     if joint == "none":
         assert errors[1] < 1e-10
     else:
         assert errors[1] < (6e-3 if joint == "both" else 5e-4)
-        assert errors[1] < 0.7 * errors[0]
+        assert errors[1] < 0.1 * errors[0]
 
 
 EFFECTS = {
