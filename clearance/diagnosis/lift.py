@@ -22,7 +22,7 @@ GAPS = np.geomspace(5e-6, 2e-3, 100)
 _ITERATIONS = 12
 _SMEAR = 0.02  # of the local acceleration
 _STRUCK = 0.2  # of the 99th percentile of the force: the slider touches
-_WHERE, _WHEREVER = 0.65, 0.35  # of the gap: the middle while an end touches, and its doubt
+_TILTED = 0.2  # of the gap: doubt of the height where it touches
 _FREE = 3.0  # gaps: how far it may be before anything is known
 _BEYOND = 0.03  # of the gap: how far it may be beyond
 _SETTLED = 3  # iterations after which what contradicts weighs less
@@ -30,7 +30,9 @@ _OUTLIER = 3.0  # doubts beyond which it does
 _CORRELATED = 20.0  # samples that say one thing
 _DRIFT = 1e-3  # of a gap's weight: holds a stretch in which nothing touches
 _OVERRUN = 0.0075  # share of samples beyond, strikes apart, at a gap that is about large enough
-_SMALL = 0.9  # of the true gap: where that share is reached (five machines, 19 to 311 um: 0.87 to 0.93)
+_SMALL = (
+    0.84  # of the true gap: where that share is reached (0.80 where the shoe tilts, 0.87 where it does not)
+)
 _STRIKE = 5  # samples around one in contact whose depth in the rail the filter hides
 _ASTRAY = 0.2  # share of samples in contact on the wrong side: no rail holds the slider
 
@@ -82,8 +84,8 @@ def lift(
     most = gap + 0.5 * size / stiffness  # of both ends
     height = rate = np.zeros(len(push))
     for iteration in range(_ITERATIONS):
-        target = np.where(touching, _WHERE * gap * side, 0.0)
-        weight = np.where(touching, 1.0 / (_WHEREVER * gap), 0.0)
+        target = np.where(touching, gap * side, 0.0)
+        weight = np.where(touching, 1.0 / (_TILTED * gap), 0.0)
         if iteration == 0:
             weight[~touching] = 1.0 / (_FREE * gap)
         else:
@@ -116,13 +118,16 @@ def suggest_gap(
     """
     found = []
     for acceleration, push in motions:
+        shares: list[float] = []
         for gap in GAPS:
             one = lift(acceleration, push, float(gap), stiffness, sigma, period)
+            shares.append(one.beyond)
             if one.beyond < _OVERRUN:
                 break
         if one.beyond >= _OVERRUN or one.astray > _ASTRAY:
             return None
-        found.append(float(gap) / _SMALL)
+        last = GAPS[: len(shares)][-2:]
+        found.append(float(np.interp(-_OVERRUN, np.negative(shares[-2:]), last)) / _SMALL)
     return max(found, default=None)
 
 

@@ -76,7 +76,7 @@ def test_the_motion_tells_the_clearance_though_the_slider_leaves_its_line(monkey
     assert np.median(miss) < 0.15 * gap
     with_guide = profile([measured], [known], lambda c: own.machine("C", c, guide=guide), 2)
     without = profile([measured], [known], lambda c: own.machine("C", c), 2)
-    assert with_guide.best == pytest.approx(1e-4, rel=0.07)
+    assert with_guide.best == pytest.approx(1e-4, rel=0.05)
     assert without.best > 1.2e-4
     assert with_guide.misfit.min() < 0.6 * without.misfit.min()
 
