@@ -149,7 +149,9 @@ class Search:
         values[:, 0] = self.clearance
         if min(start.doubt for start in self.starts) < FOLLOWED:
             # the machine is right, or nearly: others that are lost are worth patience
-            self.starts = self.finished.starts(self.traces, lambda: self.sought(model, values))
+            self.starts = self.finished.starts(
+                self.traces, lambda: self.begin(self.traces, model, values, PATIENCE, self.starts)
+            )
         found = self.finished.attempt((), model, lambda: self.grown((), values), self.workers)
         assert found is not None
         self.report(f"nominal: misfit {found.misfit:.3g}, clearance {found.fit.values[0, 0] * 1e3:.4f} mm")
@@ -169,26 +171,30 @@ class Search:
         return best
 
     def begin(
-        self, traces: Sequence[Trace], model: Model, values: np.ndarray, patience: int = 0
+        self,
+        traces: Sequence[Trace],
+        model: Model,
+        values: np.ndarray,
+        patience: int = 0,
+        before: Sequence[Start] = (),
     ) -> list[Start]:
-        """Where each recording can be followed from by a machine with these values."""
+        """Where each recording can be followed from by a machine with these values.
+
+        Args:
+            traces: of the recordings.
+            model: of the machine.
+            values: (recordings, unknowns).
+            patience: as of ``Start.of``.
+            before: starts that are kept where a recording is followed from them.
+        """
 
         def one(r: int) -> Start:
+            if before and before[r].doubt < FOLLOWED:
+                return before[r]
             return Start.of(traces[r], model.held(values[r]), LOOSENESS, patience)
 
         with ThreadPoolExecutor(self.workers) as pool:
             return list(pool.map(one, range(len(traces))))
-
-    def sought(self, model: Model, values: np.ndarray) -> list[Start]:
-        """The same, looked for with patience where a recording is not followed yet."""
-
-        def one(r: int) -> Start:
-            if self.starts[r].doubt < FOLLOWED:
-                return self.starts[r]
-            return Start.of(self.traces[r], model.held(values[r]), LOOSENESS, PATIENCE)
-
-        with ThreadPoolExecutor(self.workers) as pool:
-            return list(pool.map(one, range(len(self.starts))))
 
     def grown(
         self,

@@ -8,7 +8,7 @@ quarters; where it is small from the start, play takes up a little of what frict
 fault a third is left, without another one two thirds.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,8 +56,8 @@ class Dimension:
     share: float
 
 
-def suggest_channels(search: Search) -> list[str]:
-    """Channels without which the motion agrees much better, the most suspicious one first."""
+def suggest_channels(search: Search) -> dict[str, float]:
+    """Channels without which the motion agrees much better, the most suspicious one first: what is left."""
     machine = search.setting.with_clearance(search.profile.best)
     recordings, channels = search.recordings, search.recordings[0].channels
 
@@ -66,26 +66,29 @@ def suggest_channels(search: Search) -> list[str]:
 
     whole = disagree(recordings)
     shares = {c: disagree([one.without(c) for one in recordings]) / whole for c in channels}
-    found = sorted((c for c in channels if shares[c] < _MISLED), key=lambda c: shares[c])
-    for channel in found:
-        search.report(f"  without {channel} {shares[channel]:.0%} of the motion's disagreement are left")
+    found = {c: shares[c] for c in sorted(channels, key=lambda c: shares[c]) if shares[c] < _MISLED}
+    for channel, share in found.items():
+        search.report(f"  without {channel} {share:.0%} of the motion's disagreement are left")
     return found
 
 
-def suggest_dimensions(search: Search, channels: Sequence[str]) -> list[Dimension]:
+def suggest_dimensions(search: Search, channels: Mapping[str, float]) -> list[Dimension]:
     """Dimensions and faults with which the motion agrees clearly better, the best one first.
 
     Args:
         search: after its nominal stage.
-        channels: whose sensors may be at fault.
+        channels: whose sensors may be at fault, with what is left of the disagreement without each; unless
+            a dimension leaves less.
     """
-    found = []
-    for group in search.groups.values():
-        hypothesis = group[0]
-        possible = hypothesis.name in (*GEOMETRIC, _CLOCK) or hypothesis.channel in channels
-        if not possible or len(hypothesis.unknowns) != 1:
-            continue
-        best = _dimension(search, hypothesis)
+    found: list[Dimension] = []
+    single = [group[0] for group in search.groups.values() if len(group[0].unknowns) == 1]
+    single.sort(key=lambda one: one.fault is not None)
+    for hypothesis in single:
+        possible = hypothesis.name in (*GEOMETRIC, _CLOCK)
+        if hypothesis.channel is not None and hypothesis.channel in channels:
+            left = channels[hypothesis.channel]
+            possible = all(left < one.share for one in found if one.hypothesis.fault is None)
+        best = _dimension(search, hypothesis) if possible else None
         if best is not None:
             search.report(
                 f"  the motion agrees with {hypothesis.label} = {best.value:.3g} and a clearance of "

@@ -2,16 +2,10 @@
 
 from collections.abc import Callable
 
-from clearance.diagnosis.elsewhere import (
-    begin_balanced,
-    begin_dimensions,
-    begin_elsewhere,
-    begin_film,
-    begin_guide,
-    begin_plausible,
-)
+from clearance.diagnosis.elsewhere import begin_elsewhere, begin_film, begin_plausible
 from clearance.diagnosis.explain import FAR, NEARLY, Explanation, Search, penalised
 from clearance.diagnosis.free_search import fit_curve, name_curve, reshape, suggest_curve
+from clearance.diagnosis.from_motion import begin_balanced, begin_dimensions, begin_guide
 from clearance.diagnosis.geometry import suggest_channels
 from clearance.diagnosis.missing_force import Curve, unnamed
 from clearance.diagnosis.search import Attempt, explained
@@ -78,7 +72,7 @@ def _search_all(
         begin_guide(search, explanation)
         if settled(search, explanation, nominal):
             return
-        channels = suggest_channels(search)[:_FAULTS]
+        channels = dict(list(suggest_channels(search).items())[:_FAULTS])
         begin_dimensions(search, explanation, channels)
         if not settled(search, explanation, nominal):
             begin_film(search, explanation)

@@ -24,6 +24,12 @@ from clearance.mechanism.friction import smoothed_sign
 from clearance.mechanism.guide import guide_friction, shoe_force
 from clearance.mechanism.load import process_force, spring_force
 from clearance.mechanism.parameters import JOINT_STRIDE, Family, Parameter
+from clearance.simulation.eccentricity import (
+    eccentricity_b,
+    eccentricity_c,
+    eccentricity_rate_b,
+    eccentricity_rate_c,
+)
 from clearance.simulation.layout import Result, State
 
 _TINY = 1e-60  # m^2, added under the square root of a distance: a centred journal has no direction
@@ -145,7 +151,6 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
     frame_x, frame_y = get(s, State.FRAME_X), get(s, State.FRAME_Y)
     frame_vx, frame_vy = get(s, State.FRAME_X_RATE), get(s, State.FRAME_Y_RATE)
     crank_speed, rod_speed = get(s, State.CRANK_SPEED), get(s, State.ROD_SPEED)
-    rod_vx, rod_vy = get(s, State.ROD_X_RATE), get(s, State.ROD_Y_RATE)
     slider_x, slider_y = get(s, State.SLIDER_X), get(s, State.SLIDER_Y)
     slider_vx, slider_vy = get(s, State.SLIDER_X_RATE), get(s, State.SLIDER_Y_RATE)
     sine, cosine = get(s, State.CRANK_SINE), get(s, State.CRANK_COSINE)
@@ -167,10 +172,8 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
     crank_torque, rod_moment, slider_moment = nothing, nothing, nothing
     normal_b, normal_c = nothing, nothing
     if loose_b:
-        ex = frame_x + crank_length * cosine - get(s, State.ROD_X) + to_b * rod_cosine
-        ey = frame_y + crank_length * sine - get(s, State.ROD_Y) + to_b * rod_sine
-        vx = frame_vx - crank_length * crank_speed * sine - rod_vx - to_b * rod_speed * rod_sine
-        vy = frame_vy + crank_length * crank_speed * cosine - rod_vy + to_b * rod_speed * rod_cosine
+        ex, ey = eccentricity_b(p, s)
+        vx, vy = eccentricity_rate_b(p, s)
         memory = get(s, State.MEMORY_B)
         force_bx, force_by, crank_torque, rod_moment, penetration, rate, normal, remembered = _joint(
             codes, p, 0, memory, ex, ey, vx, vy, crank_speed, rod_speed, rod_sine, rod_cosine
@@ -181,10 +184,8 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
         normal_b = normal
         put(r, Result.MEMORY_B, remembered)
     if loose_c:
-        ex = get(s, State.ROD_X) + to_c * rod_cosine - slider_x
-        ey = get(s, State.ROD_Y) + to_c * rod_sine - slider_y
-        vx = rod_vx - to_c * rod_speed * rod_sine - slider_vx
-        vy = rod_vy + to_c * rod_speed * rod_cosine - slider_vy
+        ex, ey = eccentricity_c(p, s)
+        vx, vy = eccentricity_rate_c(p, s)
         memory = get(s, State.MEMORY_C)
         slider_sine, slider_cosine = nothing, nothing + 1.0
         if not held and chosen(codes, Family.BEARING) == 1:
@@ -234,14 +235,12 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
         rod_moment = rod_moment + applied(p, Parameter.FORCE_ROD_MOMENT, table)
         slider_moment = slider_moment + applied(p, Parameter.FORCE_SLIDER_MOMENT, table)
         if loose_b:
-            ex = frame_x + crank_length * cosine - get(s, State.ROD_X) + to_b * rod_cosine
-            ey = frame_y + crank_length * sine - get(s, State.ROD_Y) + to_b * rod_sine
+            ex, ey = eccentricity_b(p, s)
             push_x, push_y = _push_on_journal(p, Parameter.FORCE_B_NORMAL, table, ex, ey)
             force_bx, force_by = force_bx + push_x, force_by + push_y
             rod_moment = rod_moment + ey * push_x - ex * push_y
         if loose_c:
-            ex = get(s, State.ROD_X) + to_c * rod_cosine - slider_x
-            ey = get(s, State.ROD_Y) + to_c * rod_sine - slider_y
+            ex, ey = eccentricity_c(p, s)
             push_x, push_y = _push_on_journal(p, Parameter.FORCE_C_NORMAL, table, ex, ey)
             force_cx, force_cy = force_cx + push_x, force_cy + push_y
             slider_moment = slider_moment + ey * push_x - ex * push_y

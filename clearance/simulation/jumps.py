@@ -9,6 +9,14 @@ from clearance.mechanism.guide import until_shoe_strikes
 from clearance.mechanism.jump import until_reached
 from clearance.mechanism.load import until_process_changes
 from clearance.mechanism.parameters import Family, Parameter
+from clearance.simulation.eccentricity import (
+    eccentricity_acceleration_b,
+    eccentricity_acceleration_c,
+    eccentricity_b,
+    eccentricity_c,
+    eccentricity_rate_b,
+    eccentricity_rate_c,
+)
 from clearance.simulation.layout import Result, State
 
 _TINY = 1e-30  # m^2: a journal exactly in the middle has no direction
@@ -16,10 +24,9 @@ _BEYOND = 1e-9  # m, a touch is foreseen no better; no force sets in there, it g
 
 
 @kernel
-def _until_touch(
-    penetration: Any, rate: Any, ex: Any, ey: Any, vx: Any, vy: Any, ax: Any, ay: Any, most: Any
-) -> Any:
-    """Time [s] until a journal meets its bearing, from its eccentricity, its rate and acceleration."""
+def _until_touch(penetration: Any, rate: Any, at: Any, moving: Any, pulled: Any, most: Any) -> Any:
+    """Time [s] until a journal meets its bearing, from its eccentricity, its rate and acceleration (x, y)."""
+    (ex, ey), (vx, vy), (ax, ay) = at, moving, pulled
     inverse_distance = 1.0 / square_root(ex * ex + ey * ey + _TINY)
     turning = vx * vx + vy * vy - rate * rate
     closing = (ex * ax + ey * ay + turning) * inverse_distance
@@ -29,40 +36,16 @@ def _until_touch(
 @kernel
 def until_jump(codes: Any, p: Any, s: Any, r: Any, h: Any) -> Any:
     """Time [s] until a force sets in or ends at once, at most ``h``; ``r`` is an evaluation of ``s``."""
-    sine, cosine = get(s, State.ROD_SINE), get(s, State.ROD_COSINE)
-    spin, turn = get(s, State.ROD_SPEED), get(r, Result.ROD)
     if chosen(codes, Family.JOINT_B) == 1:
-        length, reach = get(p, Parameter.CRANK_LENGTH), get(p, Parameter.ROD_TO_B)
-        crank_sine, crank_cosine = get(s, State.CRANK_SINE), get(s, State.CRANK_COSINE)
-        speed, change = get(s, State.CRANK_SPEED), get(r, Result.CRANK)
-        h = _until_touch(
-            get(r, Result.PENETRATION_B),
-            get(r, Result.PENETRATION_RATE_B),
-            get(s, State.FRAME_X) + length * crank_cosine - get(s, State.ROD_X) + reach * cosine,
-            get(s, State.FRAME_Y) + length * crank_sine - get(s, State.ROD_Y) + reach * sine,
-            get(s, State.FRAME_X_RATE) - length * speed * crank_sine
-            - get(s, State.ROD_X_RATE) - reach * spin * sine,
-            get(s, State.FRAME_Y_RATE) + length * speed * crank_cosine
-            - get(s, State.ROD_Y_RATE) + reach * spin * cosine,
-            get(r, Result.FRAME_X) - length * (change * crank_sine + speed * speed * crank_cosine)
-            - get(r, Result.ROD_X) - reach * (turn * sine + spin * spin * cosine),
-            get(r, Result.FRAME_Y) + length * (change * crank_cosine - speed * speed * crank_sine)
-            - get(r, Result.ROD_Y) + reach * (turn * cosine - spin * spin * sine),
-            h,
-        )  # fmt: skip
+        at, moving = eccentricity_b(p, s), eccentricity_rate_b(p, s)
+        pulled = eccentricity_acceleration_b(p, s, r)
+        penetration, rate = get(r, Result.PENETRATION_B), get(r, Result.PENETRATION_RATE_B)
+        h = _until_touch(penetration, rate, at, moving, pulled, h)
     if chosen(codes, Family.JOINT_C) == 1:
-        reach = get(p, Parameter.ROD_TO_C)
-        h = _until_touch(
-            get(r, Result.PENETRATION_C),
-            get(r, Result.PENETRATION_RATE_C),
-            get(s, State.ROD_X) + reach * cosine - get(s, State.SLIDER_X),
-            get(s, State.ROD_Y) + reach * sine - get(s, State.SLIDER_Y),
-            get(s, State.ROD_X_RATE) - reach * spin * sine - get(s, State.SLIDER_X_RATE),
-            get(s, State.ROD_Y_RATE) + reach * spin * cosine - get(s, State.SLIDER_Y_RATE),
-            get(r, Result.ROD_X) - reach * (turn * sine + spin * spin * cosine) - get(r, Result.SLIDER_X),
-            get(r, Result.ROD_Y) + reach * (turn * cosine - spin * spin * sine) - get(r, Result.SLIDER_Y),
-            h,
-        )
+        at, moving = eccentricity_c(p, s), eccentricity_rate_c(p, s)
+        pulled = eccentricity_acceleration_c(p, s, r)
+        penetration, rate = get(r, Result.PENETRATION_C), get(r, Result.PENETRATION_RATE_C)
+        h = _until_touch(penetration, rate, at, moving, pulled, h)
     if chosen(codes, Family.PROCESS) == 1:
         h = until_process_changes(
             p,

@@ -34,7 +34,7 @@ def machine(clearance):
 
 @cache
 def recorded(clearance, encoder=False, seconds=0.9):
-    """Ten turns a second with one per cent of noise, far from where a free run begins; and its first angle."""
+    """Ten turns a second with 1 % of noise, far from where a free run begins; and the first angle."""
     sampling = Sampling(CHAIN.base_rate, CHAIN.filter(), 1.737, seconds)
     signals = simulate(machine(clearance), Integrator("runge_kutta_4", 1e-5, 2), sampling)
     rows = np.flatnonzero(signals[:, : Signal.CRANK_ANGLE].std(axis=0) > 1e-9)

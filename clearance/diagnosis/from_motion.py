@@ -1,0 +1,162 @@
+"""Effects at which the motion alone points: forces that its work needs, dimensions, a shoe that rattles."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from clearance.diagnosis.balance import settle_in, suggest_forces
+from clearance.diagnosis.everywhere import fit_everywhere, start_anew
+from clearance.diagnosis.explain import HALFWAY, NEARLY, PATIENCE, Explanation, Rails, Search, beside
+from clearance.diagnosis.free_search import refine_table
+from clearance.diagnosis.geometry import Dimension, suggest_dimensions, suggest_guide
+from clearance.diagnosis.growth import grow
+from clearance.diagnosis.hypothesis import Hypothesis, same
+from clearance.diagnosis.missing_force import KNOTS
+from clearance.diagnosis.search import EXPLAINED, explained
+from clearance.errors import InputError
+
+_FITTED = 2  # of the forces that are suggested
+_NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
+_LOOKS = 3  # at one recording
+_GAPS = (1.0, 0.95, 1.05, 1.1, 0.9)  # times that which the motion shows: rattling is followed within 3 %
+_HOPELESS = 30.0  # misfit with a gap that is not worth another look
+
+
+def begin_balanced(search: Search, explanation: Explanation) -> None:
+    """Fit effects that give the torque which the motion needs, where the path is not near."""
+    nominal = explanation.nominal
+    if nominal.misfit < NEARLY:
+        return
+    try:
+        suggested = suggest_forces(search, search.setting, search.profile.best)
+    except np.linalg.LinAlgError:
+        return
+    if suggested is None:
+        return
+    explanation.balanced, explanation.unpushed = suggested.balanced, not suggested.forces
+    surest = int(np.argmin([start.doubt for start in search.starts]))
+    known: list[set[str]] = []  # one variant of each effect, one argument of a force without a name
+    for one in suggested.forces:
+        names = {h.name for h in one.hypotheses} if one.curve is None else {one.label}
+        if names in known:
+            continue
+        known.append(names)
+        try:
+            settled = settle_in(search, search.setting, one)
+        except (InputError, np.linalg.LinAlgError):
+            continue
+        shown = ", ".join(f"{value:.4g}" for value in settled.values)
+        search.report(f"  {one.label} = {shown} goes with a clearance of {settled.clearance * 1e3:.3f} mm")
+        held, values = beside(nominal, one.hypotheses, settled.values)
+        row = values[surest]
+        row[0] = settled.clearance
+        found = search.keep(
+            explanation, held,
+            lambda held=held, row=row: fit_everywhere(search, held, row, surest, nominal, True),  # type: ignore[misc]
+        )  # fmt: skip
+        table = one.curve
+        if found is not None and table is not None and len(table.knots) <= KNOTS and not explained(found):
+            refine_table(search, explanation, table, found)
+        nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
+        if explained(explanation.best) or nearly or search.late() or len(known) == _FITTED:
+            return
+
+
+def begin_dimensions(search: Search, explanation: Explanation, channels: Mapping[str, float]) -> None:
+    """Fit dimensions and faults with which the motion alone agrees better, on paths that are sought anew.
+
+    Beside a dimension that does not explain all, with the best of what was found before, or with a force that
+    the balance of work then names.
+
+    Args:
+        search: after its nominal stage.
+        explanation: added to.
+        channels: as of ``suggest_dimensions``.
+    """
+    surest = int(np.argmin([start.doubt for start in search.starts]))
+    part = explanation.best
+    for one in suggest_dimensions(search, channels):
+        size = np.array([one.value])
+
+        def fit(
+            hypotheses: Sequence[Hypothesis],
+            values: np.ndarray,
+            clearance: float,
+            one: Dimension = one,
+            size: np.ndarray = size,
+        ) -> bool:
+            held, rows = beside(explanation.nominal, [one.hypothesis, *hypotheses], np.append(size, values))
+            row = rows[surest]
+            row[0] = clearance
+            search.keep(
+                explanation, held,
+                lambda: fit_everywhere(
+                    search, held, row, surest, explanation.nominal, anew=len(hypotheses) > 0
+                ),
+            )  # fmt: skip
+            return explained(explanation.best) or search.late()
+
+        if fit([], np.zeros(0), one.clearance):
+            return
+        if one.hypothesis.fault is not None:
+            continue
+        new = part.hypotheses and all(not same(one.hypothesis, held) for held in part.hypotheses)
+        if new and part.misfit < HALFWAY * explanation.nominal.misfit:
+            shared = part.fit.values[surest, 1 : part.model.shared]
+            if fit(part.hypotheses, shared, one.clearance):
+                return
+            continue
+        setting = replace(search.setting, machine=one.hypothesis.apply(search.setting.machine, size))
+        try:
+            suggested = suggest_forces(search, setting, one.clearance)
+            named = [force for force in suggested.forces if force.curve is None] if suggested else []
+            force = settle_in(search, setting, named[0]) if named else None
+        except (InputError, np.linalg.LinAlgError):
+            continue
+        if force is not None and fit(force.hypotheses, force.values, force.clearance):
+            return
+
+
+def begin_guide(search: Search, explanation: Explanation) -> None:
+    """Fit play of the slider in its guide, from the gap that the motion shows.
+
+    A shoe that rattles is lost at many strikes, so its path is looked for with patience. The clearance is
+    fitted first: from 1.6 % off it was found on two machines, once the gap was nearly right.
+    """
+    try:
+        one = suggest_guide(search)
+    except np.linalg.LinAlgError:
+        return
+    if one is None:
+        return
+    nominal = explanation.nominal
+    explanation.rails = Rails(one.value, one.clearance)
+    held, values = beside(nominal, [one.hypothesis], np.array([one.value]))
+    model = search.setting.model(held)
+    values[:, 0] = one.clearance
+    for factor in _GAPS:
+        tried = values.copy()
+        tried[:, 1] *= factor
+        begun = [start_anew(search, model, row, r) for r, row in enumerate(tried)]
+        r = int(np.argmin([start.doubt for start in begun]))
+        row, start = tried[r], begun[r]
+        for _ in range(_LOOKS):
+            if search.late():
+                return
+            row = np.append(row[:-1], start.trace.speed)
+            try:
+                found = grow(start, model, row, _HOPELESS, patient=True)
+            except (InputError, np.linalg.LinAlgError):  # the gap has closed
+                break
+            if found is None:
+                break
+            row = found[1]
+            search.report(f"  {one.hypothesis.label}: misfit {found[2]:.3g} on one recording")
+            if found[2] < EXPLAINED:
+                search.keep(
+                    explanation, held,
+                    lambda row=row, r=r: fit_everywhere(search, held, row, r, nominal),  # type: ignore[misc]
+                )  # fmt: skip
+                return
+            start = start_anew(search, model, row, r, PATIENCE)
