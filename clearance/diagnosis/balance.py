@@ -340,9 +340,9 @@ class _Balance:
         offsets = []
         begin = 0
         for turning, drive in zip(self.turnings, drives, strict=True):
-            controlled = isinstance(drive, SpeedControl)  # a motor's speed follows from its load
             time = binned(turning.time)
-            for one in [np.ones(len(time)), time] if controlled else []:
+            level = np.ones(len(time))  # of a motor: its no-load speed
+            for one in [level, time] if isinstance(drive, SpeedControl) else [level]:
                 column = np.zeros(len(torque))
                 column[begin : begin + len(one)] = one
                 offsets.append(column)

@@ -11,7 +11,7 @@ from clearance.diagnosis.missing_force import Curve, unnamed
 from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.simplify import enlarge, prune
 from clearance.diagnosis.verdict import unsettled
-from clearance.diagnosis.widen import deafen, look, scrutinise, settled, widen
+from clearance.diagnosis.widen import deafen, glaring, look, scrutinise, settled, widen
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
 _ROOM = 1.03  # misfit above which an effect that explains may have more parameters
@@ -24,16 +24,16 @@ def find_explanation(
 ) -> None:
     """Find what explains the recordings, with as few effects as it takes.
 
-    Where the path is not near, effects come first that give the torque which the motion needs. Then single
-    effects that promise much of what is missing; dimensions and faulty sensors that the motion alone points
-    at; where no force gives that torque and the path is far, effects that no linear look can judge; effects
-    and faults that promise a good part. Beside one that explains a good part, the next one. Then effects that
-    promised little, since beside a path that is far from right none promises much; forces of free form on the
-    slider, or with which one recording is nearly explained; effects that no linear look can judge; faults
-    that promised little; pairs of which neither shows without the other; other tables. A table is put to the
-    test against names. What explains is looked beside for what is small; where nothing takes away what is too
-    much for a machine with nothing missing, effects that no linear look can judge are tried. What is not
-    needed is pruned.
+    A sensor that alone contradicts the nominal machine comes first. Where the path is not near, effects
+    follow that give the torque which the motion needs. Then single effects that promise much of what is
+    missing; dimensions and faulty sensors that the motion alone points at; where no force gives that torque
+    and the path is far, effects that no linear look can judge; effects and faults that promise a good part.
+    Beside one that explains a good part, the next one. Then effects that promised little, since beside a
+    path that is far from right none promises much; forces of free form on the slider, or with which one
+    recording is nearly explained; effects that no linear look can judge; faults that promised little; pairs
+    of which neither shows without the other; other tables. A table is put to the test against names. What
+    explains is looked beside for what is small; where nothing takes away what is too much for a machine with
+    nothing missing, effects that no linear look can judge are tried. What is not needed is pruned.
 
     Args:
         search: after its nominal stage.
@@ -61,6 +61,11 @@ def _search_all(
     built_on: list[Attempt] = []
     explored = False
     waiting: list[Curve] = []
+
+    def sensor() -> None:
+        channel = glaring(nominal)
+        if channel is not None:
+            deafen(search, explanation, nominal, channel)
 
     def balance() -> None:
         begin_balanced(search, explanation)
@@ -109,6 +114,8 @@ def _search_all(
             before, base = base, explanation.best
 
     def curve() -> None:
+        if settled(search, explanation, nominal):
+            return
         found, misfit = suggest_curve(search, nominal)
         if found:
             explanation.suspected = (found[0].body, found[0].direction)
@@ -133,11 +140,12 @@ def _search_all(
                 search.follow(explanation, nominal, hint)
 
     def other_curve() -> None:
-        fit_curve(search, explanation, waiting)
+        if not settled(search, explanation, nominal):
+            fit_curve(search, explanation, waiting)
 
     steps = (
-        balance, build_on, plain, motion, build_on, inside, likely, build_on, unlikely, build_on, curve,
-        elsewhere, build_on, unlikely_faults, build_on, pair, build_on, other_curve,
+        sensor, balance, build_on, plain, motion, build_on, inside, likely, build_on, unlikely, build_on,
+        curve, elsewhere, build_on, unlikely_faults, build_on, pair, build_on, other_curve,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):

@@ -171,6 +171,8 @@ def place_of(explanation: Explanation) -> tuple[str | None, str | None]:
 def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str:
     """None, physics, instrument, mixed, ambiguous or unknown.
 
+    What leaves most of something small is not asserted: any effect takes up a little of another one.
+
     Args:
         explanation: of the fitted recordings.
         held_out: the best attempt beside recordings that it was not fitted to: what does not explain these,
@@ -179,7 +181,7 @@ def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str
     best = explanation.best
     if not best.hypotheses:
         return "none" if explained(best) and not suspicious(explanation) else "unknown"
-    if not explained(best) or unnamed(best.hypotheses) is not None:
+    if not explained(best) or unnamed(best.hypotheses) is not None or unsettled(explanation):
         return "unknown"
     if held_out is not None and not explained(held_out):
         return "unknown"

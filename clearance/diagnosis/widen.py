@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clearance.diagnosis.explain import HALFWAY, NEARLY, Explanation, Search, beside
+from clearance.diagnosis.follow import EDGE
 from clearance.diagnosis.growth import Start
 from clearance.diagnosis.missing_force import unnamed
 from clearance.diagnosis.screening import Hint, screen
@@ -26,6 +27,7 @@ _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
 _LEFT = 0.5  # of what is missing beside a near path: more is left where no sensor is at fault
+_CLIPPED, _LOUD, _QUIET = 9.0, 3.0, 1.5  # squares of residuals; means of a channel that glares, of others
 _ONSET = 0.01  # of what a linear look promises, to begin with
 
 
@@ -121,6 +123,18 @@ def _refit(search: Search, explanation: Explanation, base: Attempt, hints: Seque
         search.refit(explanation, held, base.followers, values, base.scale, 20)
 
 
+def glaring(base: Attempt) -> str | None:
+    """The channel that alone contradicts an attempt, while the noise explains all others; else ``None``."""
+    if base.scale > 1.0:  # paths that are smoothed contradict every channel
+        return None
+    squares = [np.minimum(one.residual[EDGE:-EDGE] ** 2, _CLIPPED) for one in base.fit.passes]
+    square = np.mean([one.mean(axis=(0, 1)) for one in squares], axis=0)
+    loudest = int(np.argmax(square))
+    if square[loudest] < _LOUD or (np.delete(square, loudest) > _QUIET).any():
+        return None
+    return base.followers[0].measured.channels[loudest]
+
+
 def deafen(search: Search, explanation: Explanation, base: Attempt, channel: str) -> None:
     """Fit without a channel: where that explains everything, its sensor is at fault; how, is fitted."""
     try:
@@ -159,7 +173,8 @@ def deafen(search: Search, explanation: Explanation, base: Attempt, channel: str
 def _deaf(search: Search, explanation: Explanation, base: Attempt, channel: str) -> Attempt | None:
     """What is left of an attempt's misfit without a channel."""
     deaf, values = [start.without(channel) for start in search.starts], base.fit.values
-    if base is explanation.nominal and base.misfit > FOLLOWED:  # it may have misled the path, too
+    misled = base.misfit > FOLLOWED and glaring(base) != channel
+    if base is explanation.nominal and misled:  # the path, by that channel, too
         deaf, values = unheard(search, channel)
     elif base.scale <= 1.0:  # the path is near: what the channel contradicts shows beside it
         followers = [f.part(0, f.segments) for f in base.followers]

@@ -11,6 +11,7 @@ from clearance.diagnosis.explain import Explanation
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.strategy import _enough
 from clearance.diagnosis.verdict import unsettled
+from clearance.diagnosis.widen import glaring
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.test_verdict import attempt
 
@@ -46,6 +47,27 @@ def test_something_small_that_leaves_most_does_not_end_the_search(nominal, gain,
 )
 def test_a_table_ends_the_search_where_only_its_shape_can_be_missing(nominal, misfit, expected):
     assert _enough(Explanation(attempt([], nominal), [attempt(["free_form"], misfit)])) == expected
+
+
+@pytest.mark.parametrize(
+    ("loud", "scale", "expected"),
+    [
+        ({1: 10.0}, 1.0, "rod_c_axial"),
+        ({1: 10.0, 2: 2.0}, 1.0, None),  # another one contradicts, too
+        ({1: 1.2}, 1.0, None),
+        ({1: 10.0}, 4.0, None),  # beside a smoothed path nothing is sure
+    ],
+)
+def test_a_sensor_that_alone_contradicts_the_nominal_machine_glares(loud, scale, expected):
+    residual = np.random.default_rng(0).normal(size=(60, 10, 3))
+    for channel, factor in loud.items():
+        residual[:, :, channel] *= factor
+    measured = SimpleNamespace(channels=("rod_b_axial", "rod_c_axial", "slider_horizontal"))
+    base = SimpleNamespace(
+        scale=scale, fit=SimpleNamespace(passes=[SimpleNamespace(residual=residual)]),
+        followers=[SimpleNamespace(measured=measured)],
+    )  # fmt: skip
+    assert glaring(base) == expected
 
 
 def test_what_is_missing_inside_a_joint_is_not_looked_for_outside(monkeypatch):

@@ -61,6 +61,13 @@ def test_what_does_not_explain_held_out_recordings_is_not_asserted(held_out, exp
     assert verdict_of(explanation, attempt(["gravity"], held_out)) == expected
 
 
+@pytest.mark.parametrize(("left", "expected"), [(1.18, "unknown"), (1.02, "physics")])
+def test_what_leaves_most_of_something_small_is_not_asserted(left, expected):
+    small = [SimpleNamespace(gain=200.0)]
+    explanation = Explanation(attempt([], 1.19), [attempt(["rod_inertia"], left)], small)
+    assert verdict_of(explanation) == expected
+
+
 def test_an_explanation_that_only_adds_to_the_best_one_is_no_rival():
     best, longer = attempt(["slider_spring"], 1.0), attempt(["torque_ripple", "slider_spring"], 1.0)
     found = equivalents(Explanation(attempt([], 50.0), [best, longer]))
