@@ -13,7 +13,8 @@ from clearance.diagnosis.geometry import Dimension, suggest_dimensions, suggest_
 from clearance.diagnosis.growth import grow
 from clearance.diagnosis.hypothesis import Hypothesis, same
 from clearance.diagnosis.missing_force import KNOTS
-from clearance.diagnosis.search import EXPLAINED, explained
+from clearance.diagnosis.search import EXPLAINED, Attempt, explained
+from clearance.diagnosis.wear import suggest_wear
 from clearance.errors import InputError
 
 _FITTED = 2  # of the forces that are suggested
@@ -116,6 +117,26 @@ def begin_dimensions(search: Search, explanation: Explanation, channels: Mapping
             continue
         if force is not None and fit(force.hypotheses, force.values, force.clearance):
             return
+
+
+def begin_wear(search: Search, explanation: Explanation, base: Attempt) -> None:
+    """Fit a worn bearing beside ``base``, from the lobes that the motion shows, on paths sought anew.
+
+    How much better the motion agrees says little: beside a missing force lobes do, too (a tenth was seen).
+    """
+    one = suggest_wear(search)
+    if one is None:
+        return
+    shown = ", ".join(f"{value:.3g}" for value in one.values)
+    search.report(
+        f"  the motion agrees best with {one.hypothesis.label} = {shown} and a clearance of "
+        f"{one.clearance * 1e3:.3f} mm: {one.share:.0%} of the disagreement are left"
+    )
+    surest = int(np.argmin([start.doubt for start in search.starts]))
+    held, values = beside(base, [one.hypothesis], one.values)
+    row = values[surest]
+    row[0] = one.clearance
+    search.keep(explanation, held, lambda: fit_everywhere(search, held, row, surest, base, anew=True))
 
 
 def begin_guide(search: Search, explanation: Explanation) -> None:

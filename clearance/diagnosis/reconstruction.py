@@ -36,6 +36,7 @@ from clearance.simulation.shooting import ECCENTRICITY_B, ECCENTRICITY_C
 _ITERATIONS = 6
 _LOADED = 0.25  # of the typical joint force: below, the journal may be anywhere
 _RADIAL, _ACROSS = 0.03, 0.5  # of the clearance: how far a loaded journal may be from where its force points
+_TILTED = 3  # times that the direction from the centre is corrected where the bore is not round
 _OUTLIER = 2.0  # doubts beyond which what a sample says of the journal loses weight (Cauchy)
 _CONTACT = (
     0.15,
@@ -64,6 +65,8 @@ class Reconstruction:
             [N]; no samples where no sensor tells.
         turning: (4, samples) angle [rad], speed [rad/s] and acceleration [rad/s^2] of the crank, torque that
             the motion needs [N m]; no samples where it was read from a file.
+        missed: of each loose joint, (2, samples under load) angle in the bearing [rad] at which the journal
+            rests, and how much further out it is than there [m]; likewise.
     """
 
     nodes: np.ndarray
@@ -72,6 +75,7 @@ class Reconstruction:
     speed: float
     across: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)))
     turning: np.ndarray = field(default_factory=lambda: np.zeros((4, 0)))
+    missed: tuple[np.ndarray, ...] = ()
 
 
 def reconstruct(
@@ -101,16 +105,15 @@ def reconstruct(
     state, inputs = np.zeros((count, states)), np.zeros((count, forced))
     state[:, CRANK_ANGLE] = angle + speed * period * np.arange(count)
     state[:, CRANK_SPEED] = speed
-    blocks = [0 if joint == "B" else JOINT_STRIDE for joint in joints]
-    gaps = [float(parameters[Parameter.JOINT_CLEARANCE + block]) for block in blocks]
-    stiffness = [float(parameters[Parameter.JOINT_STIFFNESS + block]) for block in blocks]
+    bores = [_Bore.of(parameters, joint) for joint in joints]
     start = np.zeros(states)
     start[[CRANK_ANGLE, CRANK_SPEED]] = angle, speed
     spread = np.zeros(states)
     spread[[CRANK_ANGLE, CRANK_SPEED, TORQUE]] = 0.05, 0.03 * abs(speed), 3.0
     spread[[GRAVITY_X, GRAVITY_Y]] = _GRAVITY
     drift = np.array([_TURNING] + [_MOVING] * (2 * loose))
-    for j, gap in enumerate(gaps):
+    for j, bore in enumerate(bores):
+        gap = bore.clearance
         spread[FIRST_JOINT + 4 * j : FIRST_JOINT + 4 * j + 4] = gap, 200.0 * gap, gap, 200.0 * gap
     noise = _noise(values, measured, parameters, speed)
     target, sight = np.zeros((count, 2 * loose)), np.zeros((count, 2 * loose, 2))
@@ -121,7 +124,7 @@ def reconstruct(
             lifted = _lifted(parameters, measured, _across(parameters, measured, values, felt, state))
         if iteration:
             for j in range(loose):
-                rests = _resting(felt, joints[j], state, j, gaps[j], stiffness[j], robust and iteration > 2)
+                rests = _resting(felt, bores[j], state, j, robust and iteration > 2)
                 target[:, 2 * j : 2 * j + 2], sight[:, 2 * j : 2 * j + 2], doubt[:, 2 * j : 2 * j + 2] = rests
         rows = np.column_stack([felt.signals, felt.imbalance])
         slopes = np.zeros((count, channels + 1, states + forced))
@@ -146,16 +149,19 @@ def reconstruct(
         felt = feel(parameters, joints, measured.signals, state, inputs, lifted)
     error = (values - felt.signals) ** 2 / noise[:, :-1]
     cost = np.minimum(error, 9.0).mean()
+    missed = []
     for j in range(loose):
-        cost += _strain(*_resting(felt, joints[j], state, j, gaps[j], stiffness[j], False), state, j)
+        rests = _resting(felt, bores[j], state, j, False)
+        cost += _strain(*rests, state, j)
+        missed.append(_missed(felt, bores[j], *rests, state, j))
     nodes = np.zeros((-(-count // SAMPLES), STATES))
     nodes[:, State.CRANK_ANGLE] = state[::SAMPLES, CRANK_ANGLE]
     nodes[:, State.CRANK_SPEED] = state[::SAMPLES, CRANK_SPEED]
     integral, asked = _drive(parameters, state, period)
     nodes[:, State.DRIVE_INTEGRAL] = integral[::SAMPLES]
     force = 0.0
-    for j, joint in enumerate(joints):
-        force = _write(nodes, felt, state, j, joint, gaps[j], stiffness[j])
+    for j, bore in enumerate(bores):
+        force = _write(nodes, felt, state, j, bore)
     if lifted is not None:
         nodes[:, State.SLIDER_Y] = parameters[Parameter.GUIDE_OFFSET] + lifted.height[::SAMPLES]
         nodes[:, State.SLIDER_Y_RATE] = lifted.rate[::SAMPLES]
@@ -166,7 +172,7 @@ def reconstruct(
     turning = np.stack([
         state[:, CRANK_ANGLE], state[:, CRANK_SPEED], inputs[:, 0], state[:, TORQUE] - felt.imbalance,
     ])  # fmt: skip
-    return Reconstruction(nodes, float(cost), force, asked, across, turning)
+    return Reconstruction(nodes, float(cost), force, asked, across, turning, tuple(missed))
 
 
 def _across(
@@ -226,34 +232,85 @@ def _drive(p: np.ndarray, state: np.ndarray, period: float) -> tuple[np.ndarray,
     return first + asked * time - turned, float(asked)
 
 
-def _bearing_force(felt: Felt, joint: str) -> np.ndarray:
-    """(samples, 2) force of the journal on its bearing [N]: it points to where the journal rests."""
-    return felt.force_b if joint == "B" else -felt.force_c
+@dataclass(frozen=True)
+class _Bore:
+    """A loose joint's bearing: clearance c(phi) = c + a cos(k phi + phase) [m], phi in the bearing."""
+
+    joint: str
+    clearance: float
+    stiffness: float
+    amplitude: float
+    order: float
+    phase: float
+
+    @staticmethod
+    def of(p: np.ndarray, joint: str) -> "_Bore":
+        block = 0 if joint == "B" else JOINT_STRIDE
+        sine, cosine = p[Parameter.JOINT_WEAR_SINE + block], p[Parameter.JOINT_WEAR_COSINE + block]
+        return _Bore(
+            joint, float(p[Parameter.JOINT_CLEARANCE + block]), float(p[Parameter.JOINT_STIFFNESS + block]),
+            float(p[Parameter.JOINT_WEAR_AMPLITUDE + block]), float(p[Parameter.JOINT_WEAR_ORDER + block]),
+            float(np.arctan2(sine, cosine)),
+        )  # fmt: skip
+
+    def force(self, felt: Felt) -> np.ndarray:
+        """(samples, 2) force of the journal on this bearing [N]: it points to where the journal rests."""
+        return felt.force_b if self.joint == "B" else -felt.force_c
+
+    def angle(self, normal: np.ndarray, felt: Felt) -> np.ndarray:
+        """(samples,) phi of (samples, 2) directions [rad]: B's bearing is the rod's, C's the slider's."""
+        turned: np.ndarray = np.arctan2(normal[:, 1], normal[:, 0])
+        return turned - felt.rod_angle if self.joint == "B" else turned
+
+    def radius(self, normal: np.ndarray, felt: Felt) -> np.ndarray:
+        """(samples,) clearance in (samples, 2) directions [m]."""
+        if self.amplitude == 0.0:
+            return np.full(len(normal), self.clearance)
+        return self._lobes(self.angle(normal, felt))[0]
+
+    def rest(self, normal: np.ndarray, felt: Felt) -> np.ndarray:
+        """(2, samples) where a journal rests whose force has these directions: along them and across [m]."""
+        if self.amplitude == 0.0:
+            return np.stack([np.full(len(normal), self.clearance), np.zeros(len(normal))])
+        pressed = self.angle(normal, felt)
+        tilt = np.zeros(len(normal))
+        for _ in range(_TILTED):  # the surface's normal is not radial
+            radius, slope = self._lobes(pressed + tilt)
+            tilt = np.arctan2(slope, radius)
+        return radius * np.stack([np.cos(tilt), np.sin(tilt)])
+
+    def _lobes(self, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(samples,) clearance [m] and its change [m/rad] at angles in the bearing."""
+        place = self.order * angle + self.phase
+        return (
+            self.clearance + self.amplitude * np.cos(place),
+            -self.amplitude * self.order * np.sin(place),
+        )
 
 
 def _resting(
-    felt: Felt, joint: str, state: np.ndarray, j: int, gap: float, stiffness: float, settled: bool
+    felt: Felt, bore: _Bore, state: np.ndarray, j: int, settled: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What force and gap say about the eccentricity: target, direction seen, doubt [m], along and across.
 
     Once the path has settled, a sample that contradicts it weighs little: around an impact the filter rings,
     and the force seems to point the other way.
     """
-    push = _bearing_force(felt, joint)
+    push = bore.force(felt)
     size = np.hypot(*push.T)
     typical = float(np.median(size))
     loaded = size > _LOADED * typical
     place = state[:, [FIRST_JOINT + 4 * j, FIRST_JOINT + 4 * j + 2]]
     distance = np.maximum(np.hypot(*place.T), 1e-9)
-    outside = ~loaded & (distance > gap)
     normal = np.where(loaded[:, None], push / np.maximum(size, 1e-9)[:, None], place / distance[:, None])
-    depth = (size / stiffness) ** (2.0 / 3.0)
-    target = np.zeros((len(size), 2))
-    target[:, 0] = gap + np.where(loaded, depth, 0.0)
+    outside = ~loaded & (distance > bore.radius(normal, felt))
+    depth = (size / bore.stiffness) ** (2.0 / 3.0)
+    target = bore.rest(normal, felt).T
+    target[:, 0] += np.where(loaded, depth, 0.0)
     sight = np.stack([normal, np.stack([-normal[:, 1], normal[:, 0]], axis=1)], axis=1)
     doubt = np.full((len(size), 2), np.inf)
-    doubt[loaded | outside, 0] = _RADIAL * gap
-    doubt[loaded, 1] = _ACROSS * gap * np.maximum(1.0, 0.3 * typical / size[loaded])
+    doubt[loaded | outside, 0] = _RADIAL * bore.clearance
+    doubt[loaded, 1] = _ACROSS * bore.clearance * np.maximum(1.0, 0.3 * typical / size[loaded])
     if settled:
         miss = (np.einsum("tki,ti->tk", sight, place) - target) / doubt
         doubt *= 1.0 + (np.abs(miss).sum(axis=1, keepdims=True) / _OUTLIER) ** 2
@@ -267,21 +324,36 @@ def _strain(target: np.ndarray, sight: np.ndarray, doubt: np.ndarray, state: np.
     return float(np.log1p((miss / _OUTLIER) ** 2).sum(axis=1).mean())
 
 
-def _write(
-    nodes: np.ndarray, felt: Felt, state: np.ndarray, j: int, joint: str, gap: float, stiffness: float
-) -> float:
+def _missed(
+    felt: Felt,
+    bore: _Bore,
+    target: np.ndarray,
+    sight: np.ndarray,
+    doubt: np.ndarray,
+    state: np.ndarray,
+    j: int,
+) -> np.ndarray:
+    """Where in its bearing a loaded journal rests, and how much further out than it should."""
+    loaded = np.isfinite(doubt[:, 1])
+    place = state[:, [FIRST_JOINT + 4 * j, FIRST_JOINT + 4 * j + 2]]
+    miss = (sight[:, 0] * place).sum(axis=1) - target[:, 0]
+    return np.stack([bore.angle(sight[:, 0], felt), miss])[:, loaded]
+
+
+def _write(nodes: np.ndarray, felt: Felt, state: np.ndarray, j: int, bore: _Bore) -> float:
     """Write a journal into the nodes, in contact where it carries force; return the typical force [N]."""
-    first = FIRST_JOINT + 4 * j
+    first, gap = FIRST_JOINT + 4 * j, bore.clearance
     place, rate = state[:, [first, first + 2]] / gap, state[:, [first + 1, first + 3]] / gap
-    size = np.hypot(*_bearing_force(felt, joint).T)
+    size = np.hypot(*bore.force(felt).T)
     typical = float(np.median(size))
     distance = np.maximum(np.hypot(*place.T), 1e-9)
     normal = place / distance[:, None]
+    radius = bore.radius(normal, felt) / gap
     approach = (rate * normal).sum(axis=1)
     share, near, slow = _CONTACT
-    touching = (size > share * typical) & (distance > near) & (np.abs(approach) * gap < slow)
-    depth = (size / stiffness) ** (2.0 / 3.0) / gap
-    place = normal * np.where(touching, 1.0 + depth, np.minimum(distance, _INSIDE))[:, None]
+    touching = (size > share * typical) & (distance > near * radius) & (np.abs(approach) * gap < slow)
+    depth = (size / bore.stiffness) ** (2.0 / 3.0) / gap
+    place = normal * np.where(touching, radius + depth, np.minimum(distance, _INSIDE * radius))[:, None]
     rate = np.where(touching[:, None], rate - approach[:, None] * normal, rate)
     memory, last = np.zeros(len(size)), 5e-3
     for i in range(1, len(size)):
@@ -289,11 +361,11 @@ def _write(
             if not touching[i - 1]:
                 last = max(float(approach[max(i - 2, 0) : i + 1].max()) * gap, 1e-3)
             memory[i] = last
-    x, y = ECCENTRICITY_B if joint == "B" else ECCENTRICITY_C
+    x, y = ECCENTRICITY_B if bore.joint == "B" else ECCENTRICITY_C
     to_rate = int(State.FRAME_X_RATE)
     nodes[:, [x, y]] = place[::SAMPLES]
     nodes[:, [x + to_rate, y + to_rate]] = rate[::SAMPLES]
-    nodes[:, State.MEMORY_B if joint == "B" else State.MEMORY_C] = memory[::SAMPLES]
+    nodes[:, State.MEMORY_B if bore.joint == "B" else State.MEMORY_C] = memory[::SAMPLES]
     return typical
 
 

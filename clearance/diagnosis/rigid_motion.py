@@ -40,12 +40,14 @@ class Felt:
         force_b: (samples, 2) on the rod at B [N].
         force_c: (samples, 2) on the rod at C [N].
         imbalance: (samples,) torque on the crank beyond what moves it [N m].
+        rod_angle: (samples,) [rad].
     """
 
     signals: np.ndarray
     force_b: np.ndarray
     force_c: np.ndarray
     imbalance: np.ndarray
+    rod_angle: np.ndarray
 
 
 def feel(
@@ -148,7 +150,7 @@ def feel(
     needed -= p[Parameter.CRANK_MOMENT] * (crank_cosine * gy - crank_sine * gx)
     return Felt(
         np.stack([of(s) for s in signals], axis=1), np.stack([rod_bx, rod_by], axis=1),
-        np.stack([cx, cy], axis=1), state[:, TORQUE] - needed,
+        np.stack([cx, cy], axis=1), state[:, TORQUE] - needed, now[2],
     )  # fmt: skip
 
 

@@ -5,12 +5,13 @@ from collections.abc import Callable
 from clearance.diagnosis.elsewhere import begin_elsewhere, begin_film, begin_plausible
 from clearance.diagnosis.explain import FAR, NEARLY, Explanation, Search, penalised
 from clearance.diagnosis.free_search import fit_curve, name_curve, reshape, suggest_curve
-from clearance.diagnosis.from_motion import begin_balanced, begin_dimensions, begin_guide
+from clearance.diagnosis.from_motion import begin_balanced, begin_dimensions, begin_guide, begin_wear
 from clearance.diagnosis.geometry import suggest_channels
 from clearance.diagnosis.missing_force import Curve, unnamed
 from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.simplify import enlarge, prune
 from clearance.diagnosis.verdict import unsettled
+from clearance.diagnosis.wear import WORN
 from clearance.diagnosis.widen import deafen, glaring, look, scrutinise, settled, widen
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
@@ -108,7 +109,10 @@ def _search_all(
                 return
             base = explanation.best
             beside = look(search, explanation, base)
-            widen(search, explanation, base, [*beside.plain, *beside.likely])
+            hopeful = [*beside.plain, *beside.likely]
+            if any(hint.hypotheses[0].name == WORN for hint in hopeful):
+                begin_wear(search, explanation, base)
+            widen(search, explanation, base, hopeful)
             if not settled(search, explanation, base):
                 begin_elsewhere(search, explanation, base)
             before, base = base, explanation.best
@@ -132,7 +136,9 @@ def _search_all(
 
     def inside() -> None:
         if explanation.unpushed and nominal.misfit > FAR:
-            elsewhere()
+            begin_wear(search, explanation, nominal)
+            if not settled(search, explanation, nominal):
+                elsewhere()
 
     def pair() -> None:
         for hint in prospects.pairs[:_PAIRS]:

@@ -19,7 +19,14 @@ from clearance.mechanism.slider_crank import SliderCrank
 
 SETTING = Setting(SliderCrank(), "C")
 NOMINAL = replace(SETTING.with_clearance(2e-4), drive=SpeedControl(700.0, ramp=0.1))
-EFFECTS = ["slider_offset", "second_clearance", "guide_clearance", "sensor_bias", "sensor_gain"]
+EFFECTS = [
+    "worn_bearing",
+    "slider_offset",
+    "second_clearance",
+    "guide_clearance",
+    "sensor_bias",
+    "sensor_gain",
+]
 
 
 def traced(machine, damage=lambda channels, values: values):

@@ -1,0 +1,75 @@
+"""The lobes of a worn bearing, from the motion: a journal that carries load rests on the bore.
+
+The path that the accelerations show (``reconstruction``) must keep to the bore. Lobes of each order are tried
+at some phases; the best ones are then fitted, with the clearance, to the motion of all recordings.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from clearance.diagnosis.explain import Search
+from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.diagnosis.trace import COMPARED, agreement
+from clearance.errors import InputError
+
+WORN = "worn_bearing"
+_PHASES = 0.25 * np.pi * np.arange(8)
+_TRIED = 0.08  # of the clearance: amplitude with which phases are compared
+_STEP, _MOST = 0.05, 40  # of the clearance: of the first simplex; machines that are compared
+
+
+@dataclass(frozen=True)
+class Wear:
+    """Lobes with which the motion agrees better.
+
+    Attributes:
+        hypothesis: that the bearing is worn.
+        values: (3,) amplitude [m], order, phase [rad].
+        clearance: beside them [m].
+        share: of the disagreement that is left.
+    """
+
+    hypothesis: Hypothesis
+    values: np.ndarray
+    clearance: float
+    share: float
+
+
+def suggest_wear(search: Search) -> Wear | None:
+    """The lobes with which the motion of all recordings agrees best; ``None`` if nobody asks for them."""
+    known = [h for group in search.groups.values() for h in group if h.name == WORN]
+    if not known:
+        return None
+    hypothesis, clearance = known[0], search.profile.best
+    recordings, alignments, workers = search.recordings, search.alignments, search.workers
+
+    def left(clearance: float, shapes: np.ndarray) -> np.ndarray:
+        """(shapes,) disagreement with (shapes, 3) amplitude, order and phase."""
+        nominal = search.setting.with_clearance(clearance)
+        machines = [hypothesis.apply(nominal, shape) for shape in shapes]
+        return agreement(recordings, alignments, machines, COMPARED, workers)
+
+    orders = sorted({int(h.start[1]) for h in known})
+    shapes = np.array([[_TRIED * clearance, k, phase] for k in orders for phase in _PHASES])
+    best = shapes[int(np.argmin(left(clearance, shapes)))]
+
+    def shape_of(x: np.ndarray) -> tuple[float, np.ndarray]:
+        gap = clearance * float(np.exp(x[0]))
+        return gap, np.array([gap * np.hypot(x[1], x[2]), best[1], np.arctan2(x[2], x[1])])
+
+    def cost(x: np.ndarray) -> float:
+        gap, shape = shape_of(x)
+        try:
+            return float(left(gap, shape[None])[0])
+        except (InputError, np.linalg.LinAlgError):  # lobes larger than the bore
+            return float("inf")
+
+    start = np.array([0.0, _TRIED * np.cos(best[2]), _TRIED * np.sin(best[2])])
+    simplex = start + np.vstack([np.zeros(3), _STEP * np.eye(3)])
+    found = minimize(
+        cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": _MOST}
+    )  # fmt: skip
+    gap, shape = shape_of(found.x)
+    return Wear(hypothesis, shape, gap, float(found.fun / search.profile.misfit.min()))
