@@ -52,6 +52,8 @@ class Profile:
         if not 0 < i < len(self.misfit) - 1:
             return float(self.clearance[i])
         part = slice(i - 1, i + 2)
+        if not np.isfinite(self.misfit[part]).all():
+            return float(self.clearance[i])
         place = np.log(self.clearance[part])
         a, b, _ = np.polyfit(place - place[1], self.misfit[part], 2)
         return float(np.exp(place[1] + np.clip(-0.5 * b / a, place[0] - place[1], place[2] - place[1])))
@@ -70,18 +72,24 @@ def profile(
         alignments: theirs.
         machine: with a clearance [m].
         workers: threads.
+
+    Raises:
+        LinAlgError: links that reach at no clearance.
     """
 
     def misfit(clearances: np.ndarray, segments: int) -> np.ndarray:
         return agreement(recordings, alignments, [machine(c) for c in clearances], segments, workers)
 
     coarse = misfit(CLEARANCES, COMPARED // 2)
+    if not np.isfinite(coarse).any():
+        raise np.linalg.LinAlgError("the links reach at no clearance")
     best = int(np.argmin(coarse))
     low, high = CLEARANCES[max(best - 1, 0)], CLEARANCES[min(best + 1, len(CLEARANCES) - 1)]
     fine = np.geomspace(low, high, _CLOSER + 2)
     closer = misfit(fine, COMPARED)
     # the coarse ones saw less of the recordings: they are set level with the others where both were taken
-    level = closer[[0, -1]].mean() - coarse[[max(best - 1, 0), min(best + 1, len(coarse) - 1)]].mean()
+    apart = closer[[0, -1]] - coarse[[max(best - 1, 0), min(best + 1, len(coarse) - 1)]]
+    level = apart[np.isfinite(apart)].mean() if np.isfinite(apart).any() else 0.0
     far = (low > CLEARANCES) | (high < CLEARANCES)
     clearances = np.concatenate([CLEARANCES[far], fine])
     order = np.argsort(clearances)
@@ -97,25 +105,28 @@ def agreement(
 ) -> np.ndarray:
     """(machines,) how badly the motion of all recordings agrees with each machine's geometry.
 
+    Infinite where the links do not reach.
+
     Args:
         recordings: of one machine.
         alignments: theirs.
         machines: to compare.
         segments: of each recording that are looked at.
         workers: threads.
-
-    Raises:
-        LinAlgError: a linkage that does not turn.
     """
 
     def one(job: tuple[SliderCrank, int]) -> float:
         made, r = job
         known = alignments[r]
         samples = segments * SAMPLES
-        with np.errstate(invalid="ignore"):  # links that do not reach; the smoother refuses what comes of it
-            return reconstruct(
-                recordings[r], made.parameters(), loose(made), known.speed, known.angle, samples
-            ).misfit
+        parameters, joints = made.parameters(), loose(made)
+        try:
+            with np.errstate(invalid="ignore"):
+                return reconstruct(
+                    recordings[r], parameters, joints, known.speed, known.angle, samples
+                ).misfit
+        except np.linalg.LinAlgError:  # the smoother refuses a path that is not finite
+            return np.inf
 
     jobs = [(made, r) for made in machines for r in range(len(recordings))]
     with ThreadPoolExecutor(workers) as pool:

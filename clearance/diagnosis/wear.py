@@ -63,7 +63,7 @@ def suggest_wear(search: Search) -> Wear | None:
         gap, shape = shape_of(x)
         try:
             return float(left(gap, shape[None])[0])
-        except (InputError, np.linalg.LinAlgError):  # lobes larger than the bore
+        except InputError:  # lobes larger than any that are made
             return float("inf")
 
     start = np.array([0.0, _TRIED * np.cos(best[2]), _TRIED * np.sin(best[2])])

@@ -9,7 +9,7 @@ import pytest
 from clearance.diagnosis.measured import SAMPLES, Measured
 from clearance.diagnosis.reconstruction import reconstruct
 from clearance.diagnosis.rigid_motion import feel
-from clearance.diagnosis.trace import Alignment, profile
+from clearance.diagnosis.trace import Alignment, agreement, profile
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.guide import LooseGuide, StribeckGuide
 from clearance.mechanism.joint import Joint
@@ -152,3 +152,19 @@ def test_a_slider_that_is_loose_in_its_guide_lies_where_it_is_pressed(gap):
     assert pressed.mean() > 0.25
     assert (np.sign(lift) == np.sign(true))[pressed].mean() > 0.9
     assert np.median(np.abs(lift - true)[pressed]) < 2e-6
+
+
+def test_a_guide_line_out_of_reach_disagrees_without_end():
+    made = machine("C", 3e-4)
+    measured, states = recorded(made)
+    known = aligned(states)
+    within, beyond = (replace(made, guide_offset=offset) for offset in (0.065, 0.0699))
+    near, far = agreement([measured], [known], [within, beyond], 130, 1)
+    assert np.isfinite(near)
+    assert far == np.inf
+
+
+def test_a_machine_that_reaches_at_no_clearance_is_refused():
+    measured, states = recorded(machine("C", 3e-4))
+    with pytest.raises(np.linalg.LinAlgError, match="no clearance"):
+        profile([measured], [aligned(states)], lambda c: replace(machine("C", c), guide_offset=0.0699), 1)
