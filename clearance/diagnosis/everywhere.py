@@ -14,6 +14,7 @@ from clearance.diagnosis.search import LOOSENESS, Attempt, explained
 
 DRIVE = "soft_drive"
 _LOOKS = 3  # at all recordings
+_LESS = 0.8  # of the misfit of the look before: what leaves more is not looked at again
 _ASTRAY = 1.3  # times larger or smaller than another one: a clearance that means another path
 
 
@@ -49,11 +50,12 @@ def fit_everywhere(
         found = search.grown(held, values, starts, base=base, patient=rattling)
         if found is None or (best is not None and not found.misfit < best.misfit):
             break
+        little = best is not None and found.misfit > _LESS * best.misfit
         best, row = found, found.fit.values[surest].copy()
         # a wrong size may have led the clearance astray; the motion knows it, unless it is misled, too
         if not misleads(held[-1]) and astray(row[0], search.profile.best):
             row[0] = search.profile.best
-        if explained(best) or best.misfit > HALFWAY * base.misfit:
+        if explained(best) or little or best.misfit > HALFWAY * base.misfit:
             break
     return best
 

@@ -34,7 +34,8 @@ _MULTIPLES = np.outer([-1.0, 1.0], [0.5, 2.0, 5.0, 15.0, 40.0]).ravel()  # of a 
 _WITHIN = 2.5  # times larger or smaller than the best one of these
 _CLEARLY = 0.9  # of the disagreement without it
 _MUCH = 0.4  # by which it falls at least: below, a second gap takes up what a friction does (0.2 seen)
-_MISLED = 0.6  # of the disagreement: less is left without a channel whose sensor is at fault
+_MISLED = 0.5  # of the disagreement: less is left without a channel whose sensor is at fault
+_RAILED = 0.6  # likewise, between the right rails
 _SHOWN = 5.0  # times the noise: what a slider that leaves its line shows
 _CLOSER = 8  # sizes that are compared around the best one
 
@@ -128,7 +129,7 @@ def suggest_guide(search: Search) -> Dimension | None:
         recordings, alignments, lambda c: hypothesis.apply(search.setting.with_clearance(c), size), workers
     )
     share = float(beside.misfit.min() / search.profile.misfit.min())
-    if share > _MISLED:
+    if share > _RAILED:
         return None
     search.report(
         f"  the slider strikes rails that leave it {gap * 1e6:.3g} um on each side, with a clearance of "
@@ -172,4 +173,6 @@ def _dimension(search: Search, hypothesis: Hypothesis) -> Dimension | None:
         lambda one: disagree(beside, float(one)), method="bounded",
         bounds=(max(low, unknown.low), min(high, unknown.high)), options={"maxiter": _CLOSER},
     )  # fmt: skip
+    if not closer.fun < _CLEARLY * without:  # at another clearance it is no better
+        return None
     return Dimension(hypothesis, float(closer.x), beside, float(closer.fun / without))

@@ -39,20 +39,20 @@ class Wear:
 
 def suggest_wear(search: Search) -> Wear | None:
     """The lobes with which the motion of all recordings agrees best; ``None`` if nobody asks for them."""
-    known = [h for group in search.groups.values() for h in group if h.name == WORN]
+    worn = [h for group in search.groups.values() for h in group if h.name == WORN]
+    known = {int(h.start[1]): h for h in worn}  # one of each order, which is not fitted
     if not known:
         return None
-    hypothesis, clearance = known[0], search.profile.best
+    clearance = search.profile.best
     recordings, alignments, workers = search.recordings, search.alignments, search.workers
 
     def left(clearance: float, shapes: np.ndarray) -> np.ndarray:
         """(shapes,) disagreement with (shapes, 3) amplitude, order and phase."""
         nominal = search.setting.with_clearance(clearance)
-        machines = [hypothesis.apply(nominal, shape) for shape in shapes]
+        machines = [known[int(shape[1])].apply(nominal, shape) for shape in shapes]
         return agreement(recordings, alignments, machines, COMPARED, workers)
 
-    orders = sorted({int(h.start[1]) for h in known})
-    shapes = np.array([[_TRIED * clearance, k, phase] for k in orders for phase in _PHASES])
+    shapes = np.array([[_TRIED * clearance, k, phase] for k in sorted(known) for phase in _PHASES])
     best = shapes[int(np.argmin(left(clearance, shapes)))]
 
     def shape_of(x: np.ndarray) -> tuple[float, np.ndarray]:
@@ -72,4 +72,4 @@ def suggest_wear(search: Search) -> Wear | None:
         cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": _MOST}
     )  # fmt: skip
     gap, shape = shape_of(found.x)
-    return Wear(hypothesis, shape, gap, float(found.fun / search.profile.misfit.min()))
+    return Wear(known[int(best[1])], shape, gap, float(found.fun / search.profile.misfit.min()))

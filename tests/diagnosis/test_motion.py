@@ -154,11 +154,12 @@ def test_a_spring_from_angle_and_position_alone():
     ("effect", "fault", "parameter", "truth"),
     [
         ({"slider_offset": {"offset": 2e-3}}, (), ("slider_offset", "offset"), 2e-3),
-        (
+        pytest.param(
             {},
             (Fault(kind="sensor_gain", channel="slider_position", gain=1.03),),
             ("sensor_gain", "gain"),
             1.03,
+            marks=pytest.mark.slow,
         ),
     ],
 )

@@ -41,6 +41,8 @@ def test_the_lobes_are_told_by_the_motion():
     search = traced(worn(NOMINAL, "C", LOBES))
     found = suggest_wear(search)
     assert found.values[1] == LOBES.order
+    order = found.hypothesis.unknowns[1]
+    assert order.low <= LOBES.order <= order.high
     assert found.values[0] == pytest.approx(LOBES.amplitude, rel=0.25)
     assert np.angle(np.exp(1j * (found.values[2] - LOBES.phase))) == pytest.approx(0.0, abs=0.3)
     assert found.clearance == pytest.approx(CLEARANCE, rel=0.05)
