@@ -9,7 +9,7 @@ from clearance.diagnosis.balance import settle_in, suggest_forces
 from clearance.diagnosis.everywhere import fit_everywhere, start_anew
 from clearance.diagnosis.explain import HALFWAY, NEARLY, PATIENCE, Explanation, Rails, Search, beside
 from clearance.diagnosis.free_search import refine_table
-from clearance.diagnosis.geometry import Dimension, suggest_dimensions, suggest_guide
+from clearance.diagnosis.geometry import suggest_dimensions, suggest_guide
 from clearance.diagnosis.growth import grow
 from clearance.diagnosis.hypothesis import Hypothesis, same
 from clearance.diagnosis.missing_force import KNOTS
@@ -36,7 +36,6 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
     if suggested is None:
         return
     explanation.balanced, explanation.unpushed = suggested.balanced, not suggested.forces
-    surest = int(np.argmin([start.doubt for start in search.starts]))
     known: list[set[str]] = []  # one variant of each effect, one argument of a force without a name
     for one in suggested.forces:
         names = {h.name for h in one.hypotheses} if one.curve is None else {one.label}
@@ -49,13 +48,9 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
             continue
         shown = ", ".join(f"{value:.4g}" for value in settled.values)
         search.report(f"  {one.label} = {shown} goes with a clearance of {settled.clearance * 1e3:.3f} mm")
-        held, values = beside(nominal, one.hypotheses, settled.values)
-        row = values[surest]
-        row[0] = settled.clearance
-        found = search.keep(
-            explanation, held,
-            lambda held=held, row=row: fit_everywhere(search, held, row, surest, nominal, True),  # type: ignore[misc]
-        )  # fmt: skip
+        found = _fit(
+            search, explanation, nominal, one.hypotheses, settled.values, settled.clearance, anew=True
+        )
         table = one.curve
         if found is not None and table is not None and len(table.knots) <= KNOTS and not explained(found):
             refine_table(search, explanation, table, found)
@@ -75,47 +70,32 @@ def begin_dimensions(search: Search, explanation: Explanation, channels: Mapping
         explanation: added to.
         channels: as of ``suggest_dimensions``.
     """
-    surest = int(np.argmin([start.doubt for start in search.starts]))
-    part = explanation.best
+    nominal, part = explanation.nominal, explanation.best
     for one in suggest_dimensions(search, channels):
         size = np.array([one.value])
-
-        def fit(
-            hypotheses: Sequence[Hypothesis],
-            values: np.ndarray,
-            clearance: float,
-            one: Dimension = one,
-            size: np.ndarray = size,
-        ) -> bool:
-            held, rows = beside(explanation.nominal, [one.hypothesis, *hypotheses], np.append(size, values))
-            row = rows[surest]
-            row[0] = clearance
-            search.keep(
-                explanation, held,
-                lambda: fit_everywhere(
-                    search, held, row, surest, explanation.nominal, anew=len(hypotheses) > 0
-                ),
-            )  # fmt: skip
-            return explained(explanation.best) or search.late()
-
-        if fit([], np.zeros(0), one.clearance):
+        _fit(search, explanation, nominal, [one.hypothesis], size, one.clearance, anew=False)
+        if explained(explanation.best) or search.late():
             return
         if one.hypothesis.fault is not None:
             continue
         new = part.hypotheses and all(not same(one.hypothesis, held) for held in part.hypotheses)
-        if new and part.misfit < HALFWAY * explanation.nominal.misfit:
-            shared = part.fit.values[surest, 1 : part.model.shared]
-            if fit(part.hypotheses, shared, one.clearance):
-                return
-            continue
-        setting = replace(search.setting, machine=one.hypothesis.apply(search.setting.machine, size))
-        try:
-            suggested = suggest_forces(search, setting, one.clearance)
-            named = [force for force in suggested.forces if force.curve is None] if suggested else []
-            force = settle_in(search, setting, named[0]) if named else None
-        except (InputError, np.linalg.LinAlgError):
-            continue
-        if force is not None and fit(force.hypotheses, force.values, force.clearance):
+        if new and part.misfit < HALFWAY * nominal.misfit:
+            more, clearance = part.hypotheses, one.clearance
+            values = part.fit.values[0, 1 : part.model.shared]
+        else:
+            setting = replace(search.setting, machine=one.hypothesis.apply(search.setting.machine, size))
+            try:
+                suggested = suggest_forces(search, setting, one.clearance)
+                named = [force for force in suggested.forces if force.curve is None] if suggested else []
+                if not named:
+                    continue
+                force = settle_in(search, setting, named[0])
+            except (InputError, np.linalg.LinAlgError):
+                continue
+            more, values, clearance = force.hypotheses, force.values, force.clearance
+        sizes = np.append(size, values)
+        _fit(search, explanation, nominal, [one.hypothesis, *more], sizes, clearance, anew=True)
+        if explained(explanation.best) or search.late():
             return
 
 
@@ -132,11 +112,7 @@ def begin_wear(search: Search, explanation: Explanation, base: Attempt) -> None:
         f"  the motion agrees best with {one.hypothesis.label} = {shown} and a clearance of "
         f"{one.clearance * 1e3:.3f} mm: {one.share:.0%} of the disagreement are left"
     )
-    surest = int(np.argmin([start.doubt for start in search.starts]))
-    held, values = beside(base, [one.hypothesis], one.values)
-    row = values[surest]
-    row[0] = one.clearance
-    search.keep(explanation, held, lambda: fit_everywhere(search, held, row, surest, base, anew=True))
+    _fit(search, explanation, base, [one.hypothesis], one.values, one.clearance, anew=True)
 
 
 def begin_guide(search: Search, explanation: Explanation) -> None:
@@ -181,3 +157,20 @@ def begin_guide(search: Search, explanation: Explanation) -> None:
                 )  # fmt: skip
                 return
             start = start_anew(search, model, row, r, PATIENCE)
+
+
+def _fit(
+    search: Search,
+    explanation: Explanation,
+    base: Attempt,
+    hypotheses: Sequence[Hypothesis],
+    values: np.ndarray,
+    clearance: float,
+    anew: bool,
+) -> Attempt | None:
+    """Fit hypotheses beside ``base`` from values and a clearance [m]; ``anew`` as of ``fit_everywhere``."""
+    surest = int(np.argmin([start.doubt for start in search.starts]))
+    held, rows = beside(base, hypotheses, values)
+    row = rows[surest]
+    row[0] = clearance
+    return search.keep(explanation, held, lambda: fit_everywhere(search, held, row, surest, base, anew))

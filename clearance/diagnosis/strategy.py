@@ -27,14 +27,15 @@ def find_explanation(
 
     A sensor that alone contradicts the nominal machine comes first. Where the path is not near, effects
     follow that give the torque which the motion needs. Then single effects that promise much of what is
-    missing; dimensions and faulty sensors that the motion alone points at; where no force gives that torque
-    and the path is far, effects that no linear look can judge; effects and faults that promise a good part.
-    Beside one that explains a good part, the next one. Then effects that promised little, since beside a
-    path that is far from right none promises much; forces of free form on the slider, or with which one
-    recording is nearly explained; effects that no linear look can judge; faults that promised little; pairs
-    of which neither shows without the other; other tables. A table is put to the test against names. What
-    explains is looked beside for what is small; where nothing takes away what is too much for a machine with
-    nothing missing, effects that no linear look can judge are tried. What is not needed is pruned.
+    missing; dimensions and faulty sensors that the motion alone points at; where no force gives that torque,
+    a worn bearing, and where the path is far, effects that no linear look can judge; effects and faults that
+    promise a good part. Beside one that explains a good part, the next one. Then effects that promised
+    little, since beside a path that is far from right none promises much; forces of free form on the slider,
+    or with which one recording is nearly explained; effects that no linear look can judge; faults that
+    promised little; pairs of which neither shows without the other; other tables. A table is put to the test
+    against names. What explains is looked beside for what is small; where nothing takes away what is too
+    much for a machine with nothing missing, effects that no linear look can judge are tried. What is not
+    needed is pruned.
 
     Args:
         search: after its nominal stage.
@@ -135,9 +136,9 @@ def _search_all(
             begin_elsewhere(search, explanation, nominal)
 
     def inside() -> None:
-        if explanation.unpushed and nominal.misfit > FAR:
+        if explanation.unpushed:
             begin_wear(search, explanation, nominal)
-            if not settled(search, explanation, nominal):
+            if nominal.misfit > FAR and not settled(search, explanation, nominal):
                 elsewhere()
 
     def pair() -> None:
