@@ -44,7 +44,7 @@ _PRICE, _PRICE_OF_KNOT = 0.04, 0.01  # of what is left, for each size of an effe
 _UNNAMED = 1.2  # times as much
 _SHOWN = 3
 _WITHIN, _CLOSER = 0.7, 10  # of the clearance's logarithm; clearances that are compared there
-_DRIVE = "soft_drive"
+DRIVE = "soft_drive"
 _EDGED, _EDGES = "process_load", 9  # places along the stroke where it may begin or end
 _TABLES = {
     ("slider", "x"): ("slider_position", "slider_velocity", "crank_angle"),
@@ -324,7 +324,7 @@ class _Balance:
         """
         model = self.setting.model(hypotheses)
         asked = [float(np.mean(turning.speed)) * 30.0 / pi for turning in self.turnings]
-        if not any(hypothesis.name == _DRIVE for hypothesis in hypotheses):
+        if not any(hypothesis.name == DRIVE for hypothesis in hypotheses):
             asked = asked[:1]  # what another speed asks for is one of the offsets
 
         def given(values: np.ndarray) -> tuple[np.ndarray, list[Drive]]:

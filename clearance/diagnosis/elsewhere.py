@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clearance.diagnosis.everywhere import DRIVE, astray, fit_everywhere, start_with
+from clearance.diagnosis.balance import DRIVE
+from clearance.diagnosis.everywhere import astray, fit_everywhere, start_with
 from clearance.diagnosis.explain import FAR, Explanation, Search, beside, enough
 from clearance.diagnosis.finished import Followed
 from clearance.diagnosis.fit import Model

@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from clearance.diagnosis.balance import DRIVE
 from clearance.diagnosis.explain import HALFWAY, PATIENCE, Search
 from clearance.diagnosis.fit import Model
 from clearance.diagnosis.geometry import GEOMETRIC, LOOSE_GUIDE
@@ -12,7 +13,6 @@ from clearance.diagnosis.growth import Start
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.search import LOOSENESS, Attempt, explained
 
-DRIVE = "soft_drive"
 _LOOKS = 3  # at all recordings
 _LESS = 0.8  # of the misfit of the look before: what leaves more is not looked at again
 _ASTRAY = 1.3  # times larger or smaller than another one: a clearance that means another path

@@ -19,8 +19,7 @@ from clearance.errors import InputError
 
 _FITTED = 2  # of the forces that are suggested
 _NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
-_LOOKS = 3  # at one recording, or with a wear that helps
-_LESS = 0.8  # of the misfit before: a wear that leaves more is not looked at again
+_LOOKS = 3  # at one recording
 _GAPS = (1.0, 0.95, 1.05, 1.1, 0.9)  # times that which the motion shows: rattling is followed within 3 %
 _HOPELESS = 30.0  # misfit with a gap that is not worth another look
 
@@ -113,13 +112,7 @@ def begin_wear(search: Search, explanation: Explanation, base: Attempt) -> None:
         f"  the motion agrees best with {one.hypothesis.label} = {shown} and a clearance of "
         f"{one.clearance * 1e3:.3f} mm: {one.share:.0%} of the disagreement are left"
     )
-    before, values, clearance = base.misfit, one.values, one.clearance
-    for _ in range(_LOOKS):
-        found = _fit(search, explanation, base, [one.hypothesis], values, clearance, anew=True)
-        if found is None or explained(found) or not found.misfit < _LESS * before or search.late():
-            return
-        before, clearance = found.misfit, float(found.fit.values[0, 0])
-        values = found.fit.values[0, found.model.shared - len(values) : found.model.shared]
+    _fit(search, explanation, base, [one.hypothesis], one.values, one.clearance, anew=True)
 
 
 def begin_guide(search: Search, explanation: Explanation) -> None:

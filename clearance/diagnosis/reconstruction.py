@@ -17,6 +17,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from clearance.compilation import entry
+from clearance.diagnosis.bore import Bore
 from clearance.diagnosis.lift import Lift, lift
 from clearance.diagnosis.measured import SAMPLES, Measured
 from clearance.diagnosis.rigid_motion import (
@@ -29,14 +30,13 @@ from clearance.diagnosis.rigid_motion import (
     Felt,
     feel,
 )
-from clearance.mechanism.parameters import JOINT_STRIDE, Parameter
+from clearance.mechanism.parameters import Parameter
 from clearance.simulation.layout import STATES, Signal, State
 from clearance.simulation.shooting import ECCENTRICITY_B, ECCENTRICITY_C
 
 _ITERATIONS = 6
 _LOADED = 0.25  # of the typical joint force: below, the journal may be anywhere
 _RADIAL, _ACROSS = 0.03, 0.5  # of the clearance: how far a loaded journal may be from where its force points
-_TILTED = 3  # times that the direction from the centre is corrected where the bore is not round
 _OUTLIER = 2.0  # doubts beyond which what a sample says of the journal loses weight (Cauchy)
 _CONTACT = (
     0.15,
@@ -65,8 +65,6 @@ class Reconstruction:
             [N]; no samples where no sensor tells.
         turning: (4, samples) angle [rad], speed [rad/s] and acceleration [rad/s^2] of the crank, torque that
             the motion needs [N m]; no samples where it was read from a file.
-        missed: of each loose joint, (2, samples under load) angle in the bearing [rad] at which the journal
-            rests, and how much further out it is than there [m]; likewise.
     """
 
     nodes: np.ndarray
@@ -75,7 +73,6 @@ class Reconstruction:
     speed: float
     across: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)))
     turning: np.ndarray = field(default_factory=lambda: np.zeros((4, 0)))
-    missed: tuple[np.ndarray, ...] = ()
 
 
 def reconstruct(
@@ -105,7 +102,7 @@ def reconstruct(
     state, inputs = np.zeros((count, states)), np.zeros((count, forced))
     state[:, CRANK_ANGLE] = angle + speed * period * np.arange(count)
     state[:, CRANK_SPEED] = speed
-    bores = [_Bore.of(parameters, joint) for joint in joints]
+    bores = [Bore.of(parameters, joint) for joint in joints]
     start = np.zeros(states)
     start[[CRANK_ANGLE, CRANK_SPEED]] = angle, speed
     spread = np.zeros(states)
@@ -149,11 +146,8 @@ def reconstruct(
         felt = feel(parameters, joints, measured.signals, state, inputs, lifted)
     error = (values - felt.signals) ** 2 / noise[:, :-1]
     cost = np.minimum(error, 9.0).mean()
-    missed = []
     for j in range(loose):
-        rests = _resting(felt, bores[j], state, j, False)
-        cost += _strain(*rests, state, j)
-        missed.append(_missed(felt, bores[j], *rests, state, j))
+        cost += _strain(*_resting(felt, bores[j], state, j, False), state, j)
     nodes = np.zeros((-(-count // SAMPLES), STATES))
     nodes[:, State.CRANK_ANGLE] = state[::SAMPLES, CRANK_ANGLE]
     nodes[:, State.CRANK_SPEED] = state[::SAMPLES, CRANK_SPEED]
@@ -172,7 +166,7 @@ def reconstruct(
     turning = np.stack([
         state[:, CRANK_ANGLE], state[:, CRANK_SPEED], inputs[:, 0], state[:, TORQUE] - felt.imbalance,
     ])  # fmt: skip
-    return Reconstruction(nodes, float(cost), force, asked, across, turning, tuple(missed))
+    return Reconstruction(nodes, float(cost), force, asked, across, turning)
 
 
 def _across(
@@ -232,64 +226,8 @@ def _drive(p: np.ndarray, state: np.ndarray, period: float) -> tuple[np.ndarray,
     return first + asked * time - turned, float(asked)
 
 
-@dataclass(frozen=True)
-class _Bore:
-    """A loose joint's bearing: clearance c(phi) = c + a cos(k phi + phase) [m], phi in the bearing."""
-
-    joint: str
-    clearance: float
-    stiffness: float
-    amplitude: float
-    order: float
-    phase: float
-
-    @staticmethod
-    def of(p: np.ndarray, joint: str) -> "_Bore":
-        block = 0 if joint == "B" else JOINT_STRIDE
-        sine, cosine = p[Parameter.JOINT_WEAR_SINE + block], p[Parameter.JOINT_WEAR_COSINE + block]
-        return _Bore(
-            joint, float(p[Parameter.JOINT_CLEARANCE + block]), float(p[Parameter.JOINT_STIFFNESS + block]),
-            float(p[Parameter.JOINT_WEAR_AMPLITUDE + block]), float(p[Parameter.JOINT_WEAR_ORDER + block]),
-            float(np.arctan2(sine, cosine)),
-        )  # fmt: skip
-
-    def force(self, felt: Felt) -> np.ndarray:
-        """(samples, 2) force of the journal on this bearing [N]: it points to where the journal rests."""
-        return felt.force_b if self.joint == "B" else -felt.force_c
-
-    def angle(self, normal: np.ndarray, felt: Felt) -> np.ndarray:
-        """(samples,) phi of (samples, 2) directions [rad]: B's bearing is the rod's, C's the slider's."""
-        turned: np.ndarray = np.arctan2(normal[:, 1], normal[:, 0])
-        return turned - felt.rod_angle if self.joint == "B" else turned
-
-    def radius(self, normal: np.ndarray, felt: Felt) -> np.ndarray:
-        """(samples,) clearance in (samples, 2) directions [m]."""
-        if self.amplitude == 0.0:
-            return np.full(len(normal), self.clearance)
-        return self._lobes(self.angle(normal, felt))[0]
-
-    def rest(self, normal: np.ndarray, felt: Felt) -> np.ndarray:
-        """(2, samples) where a journal rests whose force has these directions: along them and across [m]."""
-        if self.amplitude == 0.0:
-            return np.stack([np.full(len(normal), self.clearance), np.zeros(len(normal))])
-        pressed = self.angle(normal, felt)
-        tilt = np.zeros(len(normal))
-        for _ in range(_TILTED):  # the surface's normal is not radial
-            radius, slope = self._lobes(pressed + tilt)
-            tilt = np.arctan2(slope, radius)
-        return radius * np.stack([np.cos(tilt), np.sin(tilt)])
-
-    def _lobes(self, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(samples,) clearance [m] and its change [m/rad] at angles in the bearing."""
-        place = self.order * angle + self.phase
-        return (
-            self.clearance + self.amplitude * np.cos(place),
-            -self.amplitude * self.order * np.sin(place),
-        )
-
-
 def _resting(
-    felt: Felt, bore: _Bore, state: np.ndarray, j: int, settled: bool
+    felt: Felt, bore: Bore, state: np.ndarray, j: int, settled: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What force and gap say about the eccentricity: target, direction seen, doubt [m], along and across.
 
@@ -324,23 +262,7 @@ def _strain(target: np.ndarray, sight: np.ndarray, doubt: np.ndarray, state: np.
     return float(np.log1p((miss / _OUTLIER) ** 2).sum(axis=1).mean())
 
 
-def _missed(
-    felt: Felt,
-    bore: _Bore,
-    target: np.ndarray,
-    sight: np.ndarray,
-    doubt: np.ndarray,
-    state: np.ndarray,
-    j: int,
-) -> np.ndarray:
-    """Where in its bearing a loaded journal rests, and how much further out than it should."""
-    loaded = np.isfinite(doubt[:, 1])
-    place = state[:, [FIRST_JOINT + 4 * j, FIRST_JOINT + 4 * j + 2]]
-    miss = (sight[:, 0] * place).sum(axis=1) - target[:, 0]
-    return np.stack([bore.angle(sight[:, 0], felt), miss])[:, loaded]
-
-
-def _write(nodes: np.ndarray, felt: Felt, state: np.ndarray, j: int, bore: _Bore) -> float:
+def _write(nodes: np.ndarray, felt: Felt, state: np.ndarray, j: int, bore: Bore) -> float:
     """Write a journal into the nodes, in contact where it carries force; return the typical force [N]."""
     first, gap = FIRST_JOINT + 4 * j, bore.clearance
     place, rate = state[:, [first, first + 2]] / gap, state[:, [first + 1, first + 3]] / gap
