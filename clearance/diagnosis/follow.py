@@ -13,12 +13,12 @@ import numpy as np
 
 from clearance.diagnosis.chart import Chart
 from clearance.diagnosis.elimination import draw, eliminate, substitute
+from clearance.diagnosis.filtering import pass_filter
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT, REACH, SAMPLES, Measured
 from clearance.errors import InputError
-from clearance.lanes import WIDTH
 from clearance.mechanism.applied_force import CONSTANTS
-from clearance.mechanism.parameters import JOINT_STRIDE, Family, Parameter
+from clearance.mechanism.parameters import JOINT_STRIDE, PARAMETERS, Family, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.batch import aligned
 from clearance.simulation.integrator import Integrator
@@ -29,6 +29,7 @@ OUTLIER = 4.0  # standard deviations beyond which a row loses weight (Huber)
 EDGE = 2  # segments at a stretch's ends whose samples feel too much of what lies outside
 
 _FAST = 1e4  # weight that holds a node where it is
+_TOGETHER = 31  # derivatives that are taken at a time: two full groups of lanes with the run itself
 
 INPUTS: tuple[Parameter, ...] = (
     Parameter.FORCE_CRANK_TORQUE,
@@ -180,6 +181,7 @@ class Follower:
     def __post_init__(self) -> None:
         segments = len(self.measured.values)
         self.path = Path.empty(segments)
+        self.wide = np.ascontiguousarray(self.measured.weights.T)
         self.narrow = self.measured.weights[(REACH - 1) * SAMPLES : (REACH + 2) * SAMPLES].copy()
         self.periods = self.measured.weights.shape[1]
         # the motion as last computed: what lies outside a stretch still enters its filtered samples
@@ -374,22 +376,23 @@ class Follower:
         jacobian: np.ndarray,
         shared: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Fill the derivatives, ``WIDTH`` - 1 of them a run; flow in SI units."""
+        """Fill the derivatives, some of them at a time; flow in SI units."""
         nv, filtered = jacobian.shape[4], self.measured.filtered
         tasks = [*range(nv), *(nv + i for i, column in enumerate(columns) if column is not None)]
         nominal = None
-        for begin in range(0, max(len(tasks), 1), WIDTH - 1):
-            group = tasks[begin : begin + WIDTH - 1]
+        for begin in range(0, max(len(tasks), 1), _TOGETHER):
+            group = tasks[begin : begin + _TOGETHER]
             ends, contacts, blocks, samples = self._shoot(machine, columns, group, nv, first, last, chart)
             if nominal is None:
                 nominal = ends[:, 0].copy(), contacts
-            n = len(ends)
-            for lane, task in enumerate(group, 1):
-                difference = (blocks[..., lane] - blocks[..., 0]).reshape(n, 3, SAMPLES, filtered)
-                target, column = (jacobian, task) if task < nv else (shared, task - nv)
-                target[:, :, :, :filtered, column] = difference
-                target[:, 1, :, filtered:, column] = samples[..., lane] - samples[..., 0]
-                flow[:, :, task] = (ends[:, lane] - ends[:, 0])[:, chart.rows]
+            shape = (len(ends), 3, SAMPLES, filtered, 1 + len(group))
+            changed, of_parameters = blocks.reshape(shape), np.array(group, dtype=int) >= nv
+            for target, chosen, least in (jacobian, ~of_parameters, 0), (shared, of_parameters, nv):
+                places = np.array(group, dtype=int)[chosen] - least
+                lanes = 1 + np.flatnonzero(chosen)
+                target[:, :, :, :filtered, places] = changed[..., lanes] - changed[..., :1]
+                target[:, 1][:, :, filtered:, places] = samples[..., lanes] - samples[..., :1]
+            flow[:, :, group] = (ends[:, 1:] - ends[:, :1])[:, :, chart.rows].swapaxes(1, 2)
         assert nominal is not None
         return nominal
 
@@ -403,28 +406,28 @@ class Follower:
         last: int,
         chart: Chart,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        nz = len(chart.rows)
+        nz, runs = len(chart.rows), 1 + len(tasks)
         varying = {task: column for task in tasks if task >= free and (column := columns[task - free])}
-        codes, p = _joint_codes([machine, *varying.values()]), aligned(len(machine.parameters()))
+        codes, p = _joint_codes([machine, *varying.values()]), np.empty((PARAMETERS, runs))
         p[:] = machine.parameters()[:, None]
-        varied, change = np.full(WIDTH, -1), np.zeros(WIDTH)
+        varied, change = np.full(runs, -1), np.zeros(runs)
         rows = np.array(INPUTS, dtype=np.int64)
-        for lane, task in enumerate(tasks, 1):
+        for run, task in enumerate(tasks, 1):
             if task < nz:
-                varied[lane], change[lane] = chart.rows[task], chart.units[task]
+                varied[run], change[run] = chart.rows[task], chart.units[task]
             elif task < free:
-                p[rows[task - nz], lane] += self.input_sigma[task - nz]
+                p[rows[task - nz], run] += self.input_sigma[task - nz]
             else:
-                p[:, lane] = varying[task].parameters()
-        for row in _SMOOTHING:  # of a law that is switched on for another lane
+                p[:, run] = varying[task].parameters()
+        for row in _SMOOTHING:  # of a law that is switched on for another run
             p[row] = np.where(p[row] > 0.0, p[row], 1e-3)
         measured, n = self.measured, last - first
         filtered = np.array(measured.signals[: measured.filtered], dtype=np.int64)
         points = np.array(measured.signals[measured.filtered :], dtype=np.int64)
-        ends = np.zeros((n, WIDTH, STATES))
-        contacts = np.zeros((n, SAMPLES, 4))
-        blocks = np.zeros((n, 3 * SAMPLES, len(filtered), WIDTH))
-        samples = np.zeros((n, SAMPLES, len(points), WIDTH))
+        ends = np.empty((n, runs, STATES))
+        contacts = np.empty((n, SAMPLES, 4))
+        blocks = np.empty((n, 3 * SAMPLES, len(filtered), runs))
+        samples = np.empty((n, SAMPLES, len(points), runs))
         period = 1.0 / measured.chain.base_rate
         substeps = self.integrator.substeps(period)
         shoot(
@@ -445,13 +448,12 @@ class Follower:
         self, machine: SliderCrank, nodes: np.ndarray, inputs: np.ndarray, signals: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Ends and contacts of segments from these nodes; fills their ``signals``."""
-        codes, p = _joint_codes([machine]), aligned(len(machine.parameters()))
-        p[:] = machine.parameters()[:, None]
-        ends, contacts = np.zeros((len(nodes), STATES)), np.zeros((len(nodes), SAMPLES, 4))
+        ends, contacts = np.empty((len(nodes), STATES)), np.empty((len(nodes), SAMPLES, 4))
         period = 1.0 / self.measured.chain.base_rate
         substeps = self.integrator.substeps(period)
         coast(
-            codes, p, nodes, np.array(INPUTS, dtype=np.int64), inputs, self.integrator.code,
+            _joint_codes([machine]), machine.parameters(), nodes, np.array(INPUTS, dtype=np.int64), inputs,
+            self.integrator.code,
             period / substeps, substeps, self.integrator.contact_refinement, self.periods // SAMPLES,
             aligned(WORK_ROWS), ends, signals, contacts,
         )  # fmt: skip
@@ -459,26 +461,13 @@ class Follower:
 
     def _predict(self, first: int, last: int) -> np.ndarray:
         """Filtered prediction from the motion of the stretch and of what is known beside it."""
-        points = self.signals[first:last, :: self.periods // SAMPLES][
-            :, :, list(self.measured.signals[self.measured.filtered :])
-        ]
-        filtered = list(self.measured.signals[: self.measured.filtered])
-        low, high = first - REACH, last + REACH
-        motion = np.full((high - low, self.periods, len(filtered)), np.nan)
-        begin, end = max(low, 0), min(high, self.segments)
-        motion[begin - low : end - low] = self.signals[begin:end][:, :, filtered]
-        known = np.isfinite(motion[:, 0, 0]) if len(filtered) else np.ones(high - low, dtype=bool)
-        if not known.any():
-            return np.concatenate([np.full((last - first, SAMPLES, len(filtered)), np.nan), points], axis=2)
-        for k in np.flatnonzero(~known):  # unknown motion stays as it is where knowledge ends
-            near = np.flatnonzero(known)[np.argmin(np.abs(np.flatnonzero(known) - k))]
-            motion[k] = motion[near, -1 if near < k else 0]
-        n = high - low
-        parts = (self.measured.weights @ motion).reshape(n, 2 * REACH + 1, SAMPLES, len(filtered))
-        total = np.zeros((n + 2 * REACH, SAMPLES, len(filtered)))
-        for shift in range(2 * REACH + 1):
-            total[shift : shift + n] += parts[:, shift]
-        inside = total[REACH + first - low : REACH + last - low]
+        rows, filtered = list(self.measured.signals), self.measured.filtered
+        points = self.signals[first:last, :: self.periods // SAMPLES][:, :, rows[filtered:]]
+        passed = np.zeros((filtered, (last - first) * SAMPLES))
+        pass_filter(
+            self.signals, np.array(rows[:filtered], dtype=np.int64), self.wide, SAMPLES, first, last, passed
+        )
+        inside = passed.reshape(filtered, last - first, SAMPLES).transpose(1, 2, 0)
         return np.concatenate([inside, points], axis=2)
 
 

@@ -4,6 +4,7 @@ x runs along the guide, A is the origin. Source of the nominal numbers: the pape
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -112,6 +113,10 @@ class SliderCrank:
 
     def codes(self) -> np.ndarray:
         """(families,) int64: which member of each family is chosen."""
+        return self._chosen.copy()
+
+    @cached_property
+    def _chosen(self) -> np.ndarray:
         codes = np.zeros(FAMILIES, dtype=np.int64)
         codes[Family.JOINT_B] = self.joint_b.loose
         codes[Family.JOINT_C] = self.joint_c.loose
@@ -125,6 +130,10 @@ class SliderCrank:
 
     def parameters(self) -> np.ndarray:
         """(PARAMETERS,) float64: the numbers of bodies and laws in the layout of ``Parameter``."""
+        return self._numbers.copy()
+
+    @cached_property
+    def _numbers(self) -> np.ndarray:
         values = np.zeros(PARAMETERS)
         positions = self.sensor_positions or (0.0, self.crank.length, 0.0, self.rod.length)
         crank_arm = self.crank.center_of_mass * self.crank.length

@@ -1,8 +1,8 @@
 """Many short runs from given states, each with its neighbours in state and parameters: multiple shooting.
 
-A recording is cut into segments of a millisecond or so. Each segment starts at a node; its sixteen lanes are
-the run from the node itself and runs from it with one coordinate, one force or one parameter changed a
-little. The result is what an estimator needs: where every run ends, and what it contributes to the filtered
+A recording is cut into segments of a millisecond or so. Each segment starts at a node; its runs are the one
+from the node itself and others with one coordinate, one force or one parameter changed a little, sixteen in
+lockstep. The result is what an estimator needs: where every run ends, and what it contributes to the filtered
 samples of its own segment and of the two beside it.
 
 A node is written in the layout of ``State``, with one change of variables: the place of a journal in its
@@ -15,9 +15,9 @@ from math import asin, cos, sin
 import numpy as np
 
 from clearance.compilation import entry, subroutine
-from clearance.lanes import WIDTH, get, put, zero
+from clearance.lanes import get, put, zero
 from clearance.mechanism.choice import chosen
-from clearance.mechanism.parameters import JOINT_STRIDE, Family, Parameter
+from clearance.mechanism.parameters import JOINT_STRIDE, PARAMETERS, Family, Parameter
 from clearance.simulation.equations import evaluate
 from clearance.simulation.integrator import WORKSPACE, remember
 from clearance.simulation.kinematics import project, sense
@@ -105,6 +105,17 @@ def note(r: np.ndarray, lane: int, contact: np.ndarray) -> None:
     contact[2], contact[3] = r[Result.PENETRATION_C, lane], r[Result.NORMAL_FORCE_C, lane]
 
 
+@subroutine
+def _divided(work: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Scratch for an evaluation, a step, a state, its signals and the lanes' parameters."""
+    state = RESULTS + WORKSPACE
+    lanes = state + STATES + SIGNALS
+    return (
+        work[:RESULTS], work[RESULTS:state], work[state : state + STATES], work[state + STATES : lanes],
+        work[lanes : lanes + PARAMETERS],
+    )  # fmt: skip
+
+
 @entry
 def shoot(
     codes: np.ndarray,
@@ -129,14 +140,16 @@ def shoot(
     blocks: np.ndarray,
     samples: np.ndarray,
 ) -> None:
-    """Run every segment from its node in ``WIDTH`` lanes.
+    """Run every segment from its node several times, each run with something else changed.
+
+    The lanes are filled run by run, segment by segment, so that none is idle but in the last group.
 
     Args:
         codes: (families,) chosen laws.
-        p: (PARAMETERS, WIDTH) parameters of each lane; rows ``input_rows`` are added to ``inputs``.
+        p: (PARAMETERS, runs) parameters of each run; rows ``input_rows`` are added to ``inputs``.
         nodes: (segments, STATES) starts, see the module.
-        varied: (WIDTH,) row of the node that a lane changes; -1 for none.
-        change: (WIDTH,) by how much.
+        varied: (runs,) row of the node that a run changes; -1 for none.
+        change: (runs,) by how much.
         input_rows: (inputs,) rows of ``p`` that differ between segments: constant forces.
         inputs: (segments, inputs) their values.
         scheme: a ``Scheme``.
@@ -148,50 +161,53 @@ def shoot(
         points: rows of ``Signal`` that are sampled as they are.
         weights: (3 m, periods) of a segment's base samples in the m filtered samples of the segment before,
             of its own and of the one after.
-        work: (RESULTS + WORKSPACE + STATES + SIGNALS, WIDTH) scratch.
-        ends: (segments, WIDTH, STATES) written: the lanes' last states as nodes.
-        signals: (segments, periods, SIGNALS) written: the first lane's signals at the base rate.
-        contacts: (segments, m, 4) written: penetration and normal force of B, then of C, in the first lane.
-        blocks: (segments, 3 m, filtered, WIDTH) written: contributions to the filtered samples.
-        samples: (segments, m, points, WIDTH) written.
+        work: (WORK_ROWS, WIDTH) scratch.
+        ends: (segments, runs, STATES) written: the runs' last states as nodes.
+        signals: (segments, periods, SIGNALS) written: the first run's signals at the base rate.
+        contacts: (segments, m, 4) written: penetration and normal force of B, then of C, in the first run.
+        blocks: (segments, 3 m, filtered, runs) written: contributions to the filtered samples.
+        samples: (segments, m, points, runs) written.
     """
-    rows, width, count = weights.shape[0], p.shape[1], filtered.size
-    m = rows // 3
-    every = periods // m
-    r = work[:RESULTS]
-    w = work[RESULTS : RESULTS + WORKSPACE]
-    s = work[RESULTS + WORKSPACE : RESULTS + WORKSPACE + STATES]
-    y = work[RESULTS + WORKSPACE + STATES :]
+    m, width, count, runs = weights.shape[0] // 3, work.shape[1], filtered.size, p.shape[1]
+    every, total = periods // m, nodes.shape[0] * runs
+    r, w, s, y, q = _divided(work)
     node = np.zeros(STATES)
     heard = np.empty((count * periods, width))  # what passes the filter, at the base rate
-    mixed = blocks.reshape(nodes.shape[0] * rows * count, width)
-    own = p[input_rows, :].copy() if input_rows.size else np.zeros((0, width))
-    for k in range(nodes.shape[0]):
-        for i in range(input_rows.size):
-            for lane in range(width):
-                p[input_rows[i], lane] = own[i, lane] + inputs[k, i]
+    sums = np.empty((3, width))
+    segment, run = np.zeros(width, dtype=np.int64), np.zeros(width, dtype=np.int64)
+    for first in range(0, total, width):
         for lane in range(width):
+            job = min(first + lane, total - 1)
+            k, v = job // runs, job % runs
+            segment[lane], run[lane] = k, v
+            for i in range(p.shape[0]):
+                q[i, lane] = p[i, v]
+            for i in range(input_rows.size):
+                q[input_rows[i], lane] = p[input_rows[i], v] + inputs[k, i]
             node[:] = nodes[k]
-            if varied[lane] >= 0:
-                node[varied[lane]] += change[lane]
-            unfold(codes, p, node, s, lane)
-        project(codes, p, s)
+            if varied[v] >= 0:
+                node[varied[v]] += change[v]
+            unfold(codes, q, node, s, lane)
+        project(codes, q, s)
         for i in range(periods):
-            evaluate(codes, p, s, r)
+            evaluate(codes, q, s, r)
             remember(codes, s, r)
-            sense(codes, p, s, r, y, 0)
-            for c in range(SIGNALS):
-                signals[k, i, c] = y[c, 0]
+            sense(codes, q, s, r, y, 0)
             for c in range(count):
                 put(heard, c * periods + i, get(y, filtered[c]))
-            if i % every == 0:
-                note(r, 0, contacts[k, i // every])
-                for c in range(points.size):
-                    for lane in range(width):
-                        samples[k, i // every, c, lane] = y[points[c], lane]
-            sample_period(codes, p, s, r, w, scheme, h, substeps, refinement)
+            for lane in range(width):
+                k, v = segment[lane], run[lane]
+                if v == 0:
+                    for c in range(SIGNALS):
+                        signals[k, i, c] = y[c, lane]
+                if i % every == 0:
+                    if v == 0:
+                        note(r, lane, contacts[k, i // every])
+                    for c in range(points.size):
+                        samples[k, i // every, c, v] = y[points[c], lane]
+            sample_period(codes, q, s, r, w, scheme, h, substeps, refinement)
         for lane in range(width):
-            fold(codes, p, s, lane, ends[k, lane])
+            fold(codes, q, s, lane, ends[segment[lane], run[lane]])
         for c in range(count):
             for j in range(m):  # three sums in registers: the filter costs as much as the motion otherwise
                 before = after = amid = zero(get(heard, 0))
@@ -200,12 +216,12 @@ def shoot(
                     before += weights[j, i] * value
                     amid += weights[m + j, i] * value
                     after += weights[2 * m + j, i] * value
-                put(mixed, (k * rows + j) * count + c, before)
-                put(mixed, (k * rows + m + j) * count + c, amid)
-                put(mixed, (k * rows + 2 * m + j) * count + c, after)
-    for i in range(input_rows.size):
-        for lane in range(width):
-            p[input_rows[i], lane] = own[i, lane]
+                put(sums, 0, before)
+                put(sums, 1, amid)
+                put(sums, 2, after)
+                for lane in range(width):
+                    for part in range(3):
+                        blocks[segment[lane], part * m + j, c, run[lane]] = sums[part, lane]
 
 
 @entry
@@ -229,7 +245,7 @@ def coast(
 
     Args:
         codes: (families,) chosen laws.
-        p: (PARAMETERS, WIDTH) parameters, all lanes alike; rows ``input_rows`` are added to ``inputs``.
+        p: (PARAMETERS,) parameters; rows ``input_rows`` are added to ``inputs``.
         nodes: (segments, STATES) starts, see the module.
         input_rows: (inputs,) rows of ``p`` that differ between segments: constant forces.
         inputs: (segments, inputs) their values.
@@ -238,39 +254,35 @@ def coast(
         substeps: steps a base sample.
         refinement: steps that replace one in contact.
         every: base samples from one contact that is noted to the next.
-        work: (RESULTS + WORKSPACE + STATES + SIGNALS, WIDTH) scratch.
+        work: (WORK_ROWS, WIDTH) scratch.
         ends: (segments, STATES) written: the last states as nodes.
         signals: (segments, periods, SIGNALS) written: the signals at the base rate.
         contacts: (segments, m, 4) written: penetration and normal force of B, then of C.
     """
-    width, count, periods = p.shape[1], nodes.shape[0], signals.shape[1]
-    r = work[:RESULTS]
-    w = work[RESULTS : RESULTS + WORKSPACE]
-    s = work[RESULTS + WORKSPACE : RESULTS + WORKSPACE + STATES]
-    y = work[RESULTS + WORKSPACE + STATES :]
-    own = p[input_rows, 0].copy()
+    width, count, periods = work.shape[1], nodes.shape[0], signals.shape[1]
+    r, w, s, y, q = _divided(work)
+    for i in range(p.shape[0]):
+        for lane in range(width):
+            q[i, lane] = p[i]
     for first in range(0, count, width):
         for lane in range(width):
             k = min(first + lane, count - 1)
             for i in range(input_rows.size):
-                p[input_rows[i], lane] = own[i] + inputs[k, i]
-            unfold(codes, p, nodes[k], s, lane)
-        project(codes, p, s)
+                q[input_rows[i], lane] = p[input_rows[i]] + inputs[k, i]
+            unfold(codes, q, nodes[k], s, lane)
+        project(codes, q, s)
         for i in range(periods):
-            evaluate(codes, p, s, r)
+            evaluate(codes, q, s, r)
             remember(codes, s, r)
-            sense(codes, p, s, r, y, 0)
+            sense(codes, q, s, r, y, 0)
             for lane in range(min(width, count - first)):
                 for c in range(SIGNALS):
                     signals[first + lane, i, c] = y[c, lane]
                 if i % every == 0:
                     note(r, lane, contacts[first + lane, i // every])
-            sample_period(codes, p, s, r, w, scheme, h, substeps, refinement)
+            sample_period(codes, q, s, r, w, scheme, h, substeps, refinement)
         for lane in range(min(width, count - first)):
-            fold(codes, p, s, lane, ends[first + lane])
-    for i in range(input_rows.size):
-        p[input_rows[i], :] = own[i]
+            fold(codes, q, s, lane, ends[first + lane])
 
 
-WORK_ROWS = RESULTS + WORKSPACE + STATES + SIGNALS
-assert WIDTH >= 2
+WORK_ROWS = RESULTS + WORKSPACE + STATES + SIGNALS + PARAMETERS

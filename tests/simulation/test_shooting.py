@@ -1,4 +1,4 @@
-"""Runs from nodes: nodes and states are the same thing, and a lane is the run that it claims to be."""
+"""Runs from nodes: nodes and states are the same thing, and each run is the one that it claims to be."""
 
 from dataclasses import replace
 
@@ -91,19 +91,19 @@ def motion(machine, duration=0.03, start=0.05, integrator=RUNGE_KUTTA):
 class Shot:
     """What ``shoot`` writes for runs of a machine from nodes."""
 
-    def __init__(self, machine, nodes, lanes=(), varied=(), rows=(), inputs=None, codes=None):
-        n = len(nodes)
-        p = parameters_of(machine)
-        for lane, changed in enumerate(lanes, 1):
-            p[:, lane] = changed.parameters()
+    def __init__(self, machine, nodes, machines=(), varied=(), rows=(), inputs=None, codes=None):
+        n, runs = len(nodes), 1 + len(machines) + len(varied)
+        p = np.repeat(machine.parameters()[:, None], runs, axis=1)
+        for run, changed in enumerate(machines, 1):
+            p[:, run] = changed.parameters()
         before = p.copy()
-        row, change = np.full(WIDTH, -1), np.zeros(WIDTH)
-        for lane, (which, amount) in enumerate(varied, 1 + len(lanes)):
-            row[lane], change[lane] = which, amount
-        self.ends, self.signals = np.zeros((n, WIDTH, STATES)), np.zeros((n, PERIODS, SIGNALS))
+        row, change = np.full(runs, -1), np.zeros(runs)
+        for run, (which, amount) in enumerate(varied, 1 + len(machines)):
+            row[run], change[run] = which, amount
+        self.ends, self.signals = np.zeros((n, runs, STATES)), np.zeros((n, PERIODS, SIGNALS))
         self.contacts = np.zeros((n, SAMPLES, 4))
-        self.blocks = np.full((n, 3 * SAMPLES, len(FILTERED), WIDTH), np.nan)
-        self.samples = np.zeros((n, SAMPLES, len(POINTS), WIDTH))
+        self.blocks = np.full((n, 3 * SAMPLES, len(FILTERED), runs), np.nan)
+        self.samples = np.zeros((n, SAMPLES, len(POINTS), runs))
         inputs = np.zeros((n, len(rows))) if inputs is None else np.asarray(inputs, dtype=float)
         codes = machine.codes() if codes is None else codes
         shoot(
@@ -215,22 +215,22 @@ def test_segments_one_after_the_other_are_the_run(name):
 def test_segments_from_their_own_nodes_do_not_depend_on_each_other():
     run = motion(C)
     nodes = [to_node(C, state) for state in run.states[::PERIODS]]
-    together, alone = Shot(C, nodes), Shot(C, nodes[7:8])
+    together, alone = Shot(C, nodes, [C, C]), Shot(C, nodes[7:8], [C, C])
     for part in ("ends", "signals", "contacts", "blocks", "samples"):
         np.testing.assert_array_equal(getattr(together, part)[7:8], getattr(alone, part))
-    np.testing.assert_array_equal(together.ends, together.ends[:, :1].repeat(WIDTH, axis=1))
+    np.testing.assert_array_equal(together.ends, together.ends[:, :1].repeat(3, axis=1))
     assert differing(together.ends[:-1, 0], np.array(nodes[1:]), slice(0, State.TIME)) < 1e-6
 
 
 def test_blocks_are_the_weighted_signals_and_samples_every_tenth():
     nodes = [to_node(C, state) for state in motion(C).states[::PERIODS]]
-    shot = Shot(C, nodes)
+    shot = Shot(C, nodes, [C] * WIDTH)
     expected = WEIGHTS @ shot.signals[:, :, FILTERED]
     scale = np.abs(expected).max(axis=(0, 1)) + 1e-9
-    for lane in (0, WIDTH - 1):
-        assert (np.abs(shot.blocks[..., lane] - expected) / scale).max() < 1e-12
+    for run in (0, 1, WIDTH):
+        assert (np.abs(shot.blocks[..., run] - expected) / scale).max() < 1e-12
         points = shot.signals[:, :: PERIODS // SAMPLES, Signal.CRANK_ANGLE :]
-        np.testing.assert_array_equal(shot.samples[..., lane], points)
+        np.testing.assert_array_equal(shot.samples[..., run], points)
 
 
 CHANGES = {
@@ -243,41 +243,41 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("start", [0.051, 0.062])
-def test_a_lane_with_changed_parameters_is_a_run_of_the_changed_machine(start):
+def test_a_run_with_changed_parameters_is_one_of_the_changed_machine(start):
     machines = [replace(C, **change) for change in CHANGES.values()]
     node = to_node(C, motion(C, 1e-5, start).states[0])
-    shot = Shot(C, [node], lanes=machines)
+    shot = Shot(C, [node], machines)
     assert differing(shot.ends[0, 0], Shot(C, [node]).ends[0, 0]) == 0.0
-    for lane, machine in enumerate(machines, 1):
+    for place, machine in enumerate(machines, 1):
         run = simulate_trajectory(machine, RUNGE_KUTTA, (PERIODS + 1) * 1e-5, state=to_state(machine, node))
-        check_lane(shot, lane, machine, run)
-        assert np.abs(shot.ends[0, lane] - shot.ends[0, 0]).max() > 1e-9
+        check_run(shot, place, machine, run)
+        assert np.abs(shot.ends[0, place] - shot.ends[0, 0]).max() > 1e-9
 
 
-def check_lane(shot, lane, machine, run):
-    end = to_state(machine, shot.ends[0, lane])
+def check_run(shot, place, machine, run):
+    end = to_state(machine, shot.ends[0, place])
     np.testing.assert_allclose(end[: State.TIME], run.states[-1, : State.TIME], rtol=1e-8, atol=1e-9)
     expected = WEIGHTS @ run.signals[:PERIODS, FILTERED]
     scale = np.abs(expected).max(axis=0) + 1e-6 * np.abs(expected).max()
-    assert (np.abs(shot.blocks[0, ..., lane] - expected) / scale).max() < 1e-6
+    assert (np.abs(shot.blocks[0, ..., place] - expected) / scale).max() < 1e-6
     points = run.signals[: PERIODS : PERIODS // SAMPLES, Signal.CRANK_ANGLE :]
-    np.testing.assert_allclose(shot.samples[0, ..., lane], points, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(shot.samples[0, ..., place], points, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["both", "both, everything"])
-def test_a_lane_with_a_changed_coordinate_is_a_run_from_the_changed_node(name):
+def test_a_run_with_a_changed_coordinate_is_one_from_the_changed_node(name):
     machine = MACHINES[name]
     node = to_node(machine, motion(machine, 1e-5).states[0])
     rows = [State.CRANK_ANGLE, State.CRANK_SPEED, *ECCENTRICITY_B, ECCENTRICITY_C[0] + 10]
     varied = [(row, 1e-3 * max(abs(node[row]), 1e-3)) for row in rows]
     shot = Shot(machine, [node], varied=varied)
-    for lane, (row, amount) in enumerate(varied, 1):
+    for place, (row, amount) in enumerate(varied, 1):
         changed = node.copy()
         changed[row] += amount
         run = simulate_trajectory(
             machine, RUNGE_KUTTA, (PERIODS + 1) * 1e-5, state=to_state(machine, changed)
         )
-        check_lane(shot, lane, machine, run)
+        check_run(shot, place, machine, run)
 
 
 FORCES = {
@@ -297,7 +297,7 @@ def test_an_input_is_a_constant_applied_force(place, force):
     codes = forced.codes()
     shot = Shot(C, [node, node, node], rows=[row], inputs=[[force], [0.0], [2.0 * force]], codes=codes)
     run = simulate_trajectory(forced, RUNGE_KUTTA, (PERIODS + 1) * 1e-5, state=to_state(C, node))
-    check_lane(shot, 0, forced, run)
+    check_run(shot, 0, forced, run)
     free = Shot(C, [node])
     np.testing.assert_allclose(shot.ends[1], free.ends[0], rtol=1e-9, atol=1e-9)
     assert np.abs(shot.ends[0] - free.ends[0]).max() > 1e-9
@@ -311,9 +311,9 @@ def test_segments_side_by_side_are_those_with_derivatives(name):
     forces = np.linspace(-5.0, 5.0, len(nodes))[:, None]
     codes = machine.codes()
     codes[Family.FORCE] = CONSTANTS
-    shot = Shot(machine, nodes, rows=[row], inputs=forces, codes=codes)
+    shot = Shot(machine, nodes, [machine, machine], rows=[row], inputs=forces, codes=codes)
     ends, signals = np.zeros((len(nodes), STATES)), np.zeros((len(nodes), PERIODS, SIGNALS))
-    contacts, p = np.zeros((len(nodes), SAMPLES, 4)), parameters_of(machine)
+    contacts, p = np.zeros((len(nodes), SAMPLES, 4)), machine.parameters()
     coast(
         codes, p, nodes, np.array([row]), forces, RUNGE_KUTTA.code, 1e-5, 1, 2, PERIODS // SAMPLES,
         aligned(WORK_ROWS), ends, signals, contacts,
@@ -321,7 +321,7 @@ def test_segments_side_by_side_are_those_with_derivatives(name):
     np.testing.assert_array_equal(ends, shot.ends[:, 0])
     np.testing.assert_array_equal(signals, shot.signals)
     np.testing.assert_array_equal(contacts, shot.contacts)
-    np.testing.assert_array_equal(p, parameters_of(machine))
+    np.testing.assert_array_equal(p, machine.parameters())
 
 
 def test_constants_act_without_a_table():
@@ -334,19 +334,19 @@ def test_constants_act_without_a_table():
     assert np.abs(ends[0] - Shot(C, [node]).ends).max() > 1e-9
 
 
-def test_inputs_add_to_what_a_lane_already_has():
+def test_inputs_add_to_what_a_run_already_has():
     row = Parameter.FORCE_SLIDER_X
     node = to_node(C, motion(C, 1e-5).states[0])
     codes = replace(C, force=TabulatedForce(values=(1.0,))).codes()
-    p = parameters_of(C)
+    p = np.repeat(C.parameters()[:, None], 2, axis=1)
     p[row, 1] = 1.5
     machine = replace(C, force=TabulatedForce(values=(4.0,)))
-    ends = np.zeros((1, WIDTH, STATES))
+    ends = np.zeros((1, 2, STATES))
     shoot(
-        codes, p, node[None], np.full(WIDTH, -1), np.zeros(WIDTH), np.array([row]), np.array([[2.5]]),
+        codes, p, node[None], np.full(2, -1), np.zeros(2), np.array([row]), np.array([[2.5]]),
         RUNGE_KUTTA.code, 1e-5, 1, 2, PERIODS, FILTERED, POINTS, WEIGHTS, aligned(WORK_ROWS), ends,
         np.zeros((1, PERIODS, SIGNALS)), np.zeros((1, SAMPLES, 4)),
-        np.zeros((1, 3 * SAMPLES, len(FILTERED), WIDTH)), np.zeros((1, SAMPLES, len(POINTS), WIDTH)),
+        np.zeros((1, 3 * SAMPLES, len(FILTERED), 2)), np.zeros((1, SAMPLES, len(POINTS), 2)),
     )  # fmt: skip
     run = simulate_trajectory(machine, RUNGE_KUTTA, (PERIODS + 1) * 1e-5, state=to_state(C, node))
     end = to_state(C, ends[0, 1])
