@@ -61,12 +61,15 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
 def begin_film(search: Search, explanation: Explanation) -> None:
     """Fit a film in the joint where the motion shows another clearance than the nominal machine finds.
 
-    A machine whose journal is cushioned moves as if its gap were small, which the geometry contradicts.
+    A machine whose journal is cushioned moves as if its gap were small, which the geometry contradicts. Where
+    the path is near, a film shows little in a linear look, and is found from any plausible size.
     """
     nominal, shown = explanation.nominal, search.profile.best
-    if astray(nominal.fit.values[0, 0], shown):
+    other = astray(nominal.fit.values[0, 0], shown)
+    near = nominal.misfit < FAR and not explained(nominal)  # beyond: in ``begin_plausible``
+    if other or near:
         groups = [g for g in search.others(nominal) if g[0].name == _FILM]
-        _try_out(search, explanation, nominal, groups, shown)
+        _try_out(search, explanation, nominal, groups, shown if other else None)
 
 
 def _try_out(
