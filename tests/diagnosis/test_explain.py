@@ -9,6 +9,7 @@ import pytest
 
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.elsewhere import begin_film, begin_plausible
+from clearance.diagnosis.everywhere import astray
 from clearance.diagnosis.explain import FAR
 from clearance.diagnosis.free_search import fit_curve, suggest_curve
 from clearance.diagnosis.hypothesis import Setting, gather
@@ -16,7 +17,7 @@ from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.missing_force import FREE_FORM, Curve, along, as_function_of, refined
 from clearance.diagnosis.screening import Hint, _Column, _range
-from clearance.diagnosis.search import explained, whole
+from clearance.diagnosis.search import EXPLAINED, explained, whole
 from clearance.diagnosis.torn import rejoin_impacts
 from clearance.diagnosis.verdict import estimates
 from clearance.diagnosis.widen import _begun, scrutinise
@@ -173,6 +174,19 @@ def test_a_film_is_found_where_it_makes_the_gap_look_small():
     clearance, damping, _ = explanation.best.fit.values[0]
     assert clearance == pytest.approx(7e-4, rel=0.01)
     assert damping == pytest.approx(1.0, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_film_is_found_where_the_gap_looks_right_and_the_path_is_near():
+    found, explanation = cushioned(1.2e-4, film=SqueezeFilm(damping=0.3))
+    nominal = explanation.nominal
+    assert not astray(nominal.fit.values[0, 0], found.profile.best)
+    assert EXPLAINED < nominal.misfit < FAR
+    begin_film(found, explanation)
+    assert explained(explanation.best)
+    clearance, damping, _ = explanation.best.fit.values[0]
+    assert clearance == pytest.approx(1.2e-4, rel=0.01)
+    assert damping == pytest.approx(0.3, rel=0.05)
 
 
 @pytest.mark.slow
