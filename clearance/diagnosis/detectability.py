@@ -208,7 +208,8 @@ def _on_its_path(machine: SliderCrank, noise: float) -> Follower:
     weights = filter_weights(chain, SAMPLES, REACH)
     signals = tuple(range(Signal.CRANK_ANGLE))
     measured = Measured(
-        "nominal", values, values.reshape(-1, len(signals)), 0, ACCELERATIONS, signals, sigma, chain, weights
+        "nominal", values, values.reshape(-1, len(signals)), 0, ACCELERATIONS, signals, sigma, chain, weights,
+        np.full(len(signals), np.inf),
     )  # fmt: skip
     follower = Follower(measured, integrator, _FORCES.copy())
     codes, p = machine.codes(), machine.parameters()[:, None].copy()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from clearance.diagnosis.clipping import clipped_sensors
 from clearance.diagnosis.finished import Finished, kept_in
 from clearance.diagnosis.fit import Model
 from clearance.diagnosis.follow import Follower
@@ -131,8 +132,14 @@ class Search:
         self.report(f"the motion alone suggests a clearance of {shown} in joint {joint}")
 
     def nominal(self) -> Explanation:
-        """Refit the nominal machine; where a glance moves the clearance, paths are sought anew with it."""
-        model = self.setting.model()
+        """Refit the nominal machine; where a glance moves the clearance, paths are sought anew with it.
+
+        Sensors that stop at a limit show it: with these limits it is followed first.
+        """
+        clipped = clipped_sensors(self.recordings, self.groups.values())
+        limits = [float(one.start[0]) for one in clipped]
+        known = np.array([self.clearance, *limits, self.traces[0].speed])
+        model = self.setting.model(clipped).only([0, len(known) - 1], known)
         for _ in range(_GLANCES):
             values = np.array([[self.clearance, trace.speed] for trace in self.traces])
             self.starts = self.finished.starts(
@@ -152,10 +159,19 @@ class Search:
             self.starts = self.finished.starts(
                 self.traces, lambda: self.begin(self.traces, model, values, PATIENCE, self.starts)
             )
-        found = self.finished.attempt((), model, lambda: self.grown((), values), self.workers)
+        found = self.finished.attempt((), model, lambda: self.grown((), values, model=model), self.workers)
         assert found is not None
-        self.report(f"nominal: misfit {found.misfit:.3g}, clearance {found.fit.values[0, 0] * 1e3:.4f} mm")
-        return Explanation(found)
+        explanation = Explanation(found)
+        if clipped:
+            scale, (clearances, speeds) = max(found.scale, ANNEALING[3]), found.fit.values.T
+            explanation.nominal = refine(
+                (), self.setting.model(), found.followers, found.fit.values, scale, 8, self.workers
+            )
+            values = np.column_stack([clearances, np.tile(limits, (len(speeds), 1)), speeds])
+            self.refit(explanation, clipped, found.followers, values, scale)
+        shown = f"clearance {found.fit.values[0, 0] * 1e3:.4f} mm"
+        self.report(f"nominal: misfit {explanation.nominal.misfit:.3g}, {shown}")
+        return explanation
 
     def glance(self, model: Model, values: np.ndarray) -> float:
         """The clearance [m] that some steps through the surest recording suggest, or the present one."""

@@ -65,7 +65,7 @@ def locate_joint(
     tried: list[tuple[Search, Explanation]] = []
     for search in sorted(searches, key=lambda one: float(one.profile.misfit.min())):
         tried.append((search, search.nominal()))
-        if explained(tried[-1][1].nominal):
+        if explained(tried[-1][1].best):
             break
-    best = min(tried, key=lambda one: one[1].nominal.misfit)
-    return *best, {search.setting.joint: found.nominal.misfit for search, found in tried}
+    best = min(tried, key=lambda one: one[1].best.misfit)
+    return *best, {search.setting.joint: found.best.misfit for search, found in tried}

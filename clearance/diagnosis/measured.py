@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from clearance.diagnosis.instrument import Instrument
 from clearance.errors import InputError
@@ -16,6 +17,8 @@ SAMPLES = 10  # a segment
 ENCODER_COUNTS = 4096  # a turn, unless declared
 NO_FAULT = Instrument()
 _DEAF = 1e4
+_BLOCK = 64  # samples that show the noise
+_REPEATED, _OUTER = 5, 0.9  # times that a sensor's limit is recorded; share of it from where others compare
 _NOISE = np.random.default_rng(0).normal(size=(4096, len(Signal)))
 _PACE = {  # power of the clock's unit of time in a channel; 2 for accelerations and torques
     Signal.CRANK_ANGLE: 0.0, Signal.CRANK_SPEED: 1.0, Signal.SLIDER_POSITION: 0.0, Signal.SLIDER_VELOCITY: 1.0
@@ -55,6 +58,7 @@ class Measured:
         sigma: (channels,) standard deviation of the noise.
         chain: the filter it went through.
         weights: see ``filter_weights``.
+        limits: (channels,) at which each stops, see ``limit``; infinite where it does not.
         silent: channels that were left out because they are constant.
     """
 
@@ -67,6 +71,7 @@ class Measured:
     sigma: np.ndarray
     chain: MeasurementChain
     weights: np.ndarray
+    limits: np.ndarray
     silent: tuple[str, ...] = ()
 
     @staticmethod
@@ -88,11 +93,15 @@ class Measured:
         silent = tuple(c for i, c in enumerate(known) if i not in alive)
         known, values = [known[i] for i in alive], values[:, alive]
         signals = tuple(_SIGNAL_OF[c] for c in known)
-        sigma = np.array([noise_level(values[:, i], s) for i, s in enumerate(signals)])
+        limits = np.array([
+            limit(values[:, i]) if s < Signal.CRANK_ANGLE else np.inf for i, s in enumerate(signals)
+        ])  # fmt: skip
+        sigma = np.array([noise_level(values[:, i], s, limits[i]) for i, s in enumerate(signals)])
         cut = values[: segments * SAMPLES].reshape(segments, SAMPLES, len(known))
         weights = filter_weights(chain, SAMPLES, REACH)
         return Measured(
-            name, cut, cut.reshape(-1, len(known)), 0, tuple(known), signals, sigma, chain, weights, silent
+            name, cut, cut.reshape(-1, len(known)), 0, tuple(known), signals, sigma, chain, weights, limits,
+            silent,
         )  # fmt: skip
 
     def part(self, first: int, last: int) -> "Measured":
@@ -139,6 +148,12 @@ class Measured:
         return replace(self, values=values, sigma=sigma)
 
     @property
+    def clipped(self) -> np.ndarray:
+        """(segments, samples, channels) whether a value was recorded at its sensor's limit."""
+        part = slice(self.first * SAMPLES, self.first * SAMPLES + self.values[..., 0].size)
+        return (np.abs(self.recorded[part]) >= self.limits).reshape(self.values.shape)
+
+    @property
     def segment(self) -> float:
         """Duration of a segment [s]."""
         return SAMPLES / self.chain.rate
@@ -172,18 +187,33 @@ def chain_of(recording: Recording, name: str) -> MeasurementChain:
     return MeasurementChain(base_rate=recording.rate * factor, decimation=factor)
 
 
-def noise_level(values: np.ndarray, signal: int) -> float:
+def limit(values: np.ndarray) -> float:
+    """At which a channel stops [its unit]: the largest value, where it comes again and again; or infinity.
+
+    Noise enters before a converter clips, so that no value comes twice but its limit. Where values are
+    rounded to steps, the largest one is rare unless it is the limit.
+    """
+    size = np.abs(values)
+    counts = np.unique(size[size > _OUTER * size.max()], return_counts=True)[1]
+    stops = counts[-1] >= _REPEATED * counts[:-1].max(initial=1)
+    return float(size.max()) if stops else np.inf
+
+
+def noise_level(values: np.ndarray, signal: int, limit: float = np.inf) -> float:
     """Noise of a channel [its unit], from where a signal that went through the filter has nothing to say.
 
     The filter leaves 0.05 of the amplitude at 0.95 of the Nyquist frequency; noise added after it does not
     fall. The quietest quarter of the recording is taken, since impacts reach even there. A sampled channel is
-    judged by its third differences, an encoder has at least the noise of its counts.
+    judged by its third differences, an encoder has at least the noise of its counts. Where a sensor is at its
+    limit it has none; one that is never long enough away from it says nothing.
     """
     if signal < Signal.CRANK_ANGLE:
-        size = 64
-        blocks = len(values) // size
-        window = np.hanning(size)
-        frames = values[: blocks * size].reshape(blocks, size) * window
+        window = np.hanning(_BLOCK)
+        step = _BLOCK if np.isinf(limit) else 1
+        frames = sliding_window_view(values, _BLOCK)[::step]
+        frames = frames[(np.abs(frames) < limit).all(axis=1)] * window
+        if len(frames) == 0:
+            return float(limit)
         power = np.abs(np.fft.rfft(frames, axis=1)[:, -3:-1]) ** 2 / (window**2).sum()
         # Lower quartile of the mean of two neighbouring bins, 0.42 of the expectation with this window.
         estimate = np.sqrt(np.quantile(power.mean(axis=1), 0.25) / 0.42)

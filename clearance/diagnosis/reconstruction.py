@@ -45,6 +45,7 @@ _CONTACT = (
 )  # of the typical force, of the clearance, m/s: a node in contact has more, more, less
 _INSIDE = 0.9995  # of the clearance: largest eccentricity of a journal that does not touch
 _SMEAR = 0.02  # of the local acceleration
+_CLIPPED = 1e8  # times the variance: a value at its sensor's limit says nothing
 _SHAKEN = 0.2  # of the inertia forces over the mass of the frame
 _TURNING, _MOVING = 400.0, 2000.0  # rad/s^2, m/s^2: typical accelerations
 _BALANCE, _TORQUE_DRIFT = 0.02, 3.0  # N m; N m/s^0.5: how well the crank's torque balances, how it varies
@@ -202,6 +203,7 @@ def _noise(values: np.ndarray, measured: Measured, p: np.ndarray, speed: float) 
     noise = np.zeros((len(values), len(measured.sigma) + 1))
     noise[:, :-1] = measured.sigma**2
     noise[:, : measured.filtered] += smear[:, None] + _shaking(p, speed) ** 2
+    noise[:, :-1][measured.clipped.reshape(-1, len(measured.sigma))[: len(values)]] *= _CLIPPED
     torque = p[Parameter.CRANK_LENGTH] * (p[Parameter.ROD_MASS] + p[Parameter.SLIDER_MASS])
     noise[:, -1] = _BALANCE**2 + smear * torque**2
     return noise

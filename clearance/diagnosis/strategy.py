@@ -17,6 +17,7 @@ from clearance.diagnosis.widen import deafen, glaring, look, scrutinise, settled
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
 _ROOM = 1.03  # misfit above which an effect that explains may have more parameters
 _FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
+_MANY, _ACCUSED = 7, 0.4  # channels of which one can be spared; left of the motion's disagreement without it
 _PAIRS = 3  # pairs that are fitted
 
 
@@ -25,17 +26,17 @@ def find_explanation(
 ) -> None:
     """Find what explains the recordings, with as few effects as it takes.
 
-    A sensor that alone contradicts the nominal machine comes first. Where the path is not near, effects
-    follow that give the torque which the motion needs. Then single effects that promise much of what is
-    missing; dimensions and faulty sensors that the motion alone points at; where no force gives that torque,
-    a worn bearing, and where the path is far, effects that no linear look can judge; effects and faults that
-    promise a good part. Beside one that explains a good part, the next one. Then effects that promised
-    little, since beside a path that is far from right none promises much; forces of free form on the slider,
-    or with which one recording is nearly explained; effects that no linear look can judge; faults that
-    promised little; pairs of which neither shows without the other; other tables. A table is put to the test
-    against names. What explains is looked beside for what is small; where nothing takes away what is too
-    much for a machine with nothing missing, effects that no linear look can judge are tried. What is not
-    needed is pruned.
+    A sensor that alone contradicts the nominal machine, or the motion, comes first. Where the path is not
+    near, effects follow that give the torque which the motion needs. Then single effects that promise much
+    of what is missing; dimensions and faulty sensors that the motion alone points at; where no force gives
+    that torque, a worn bearing, and where the path is far, effects that no linear look can judge; effects
+    and faults that promise a good part. Beside one that explains a good part, the next one. Then effects
+    that promised little, since beside a path that is far from right none promises much; forces of free form
+    on the slider, or with which one recording is nearly explained; effects that no linear look can judge;
+    faults that promised little; pairs of which neither shows without the other; other tables. A table is
+    put to the test against names. What explains is looked beside for what is small; where nothing takes
+    away what is too much for a machine with nothing missing, effects that no linear look can judge are
+    tried. What is not needed is pruned.
 
     Args:
         search: after its nominal stage.
@@ -63,10 +64,16 @@ def _search_all(
     built_on: list[Attempt] = []
     explored = False
     waiting: list[Curve] = []
+    suspicious: list[tuple[str, float]] = []
+    deafened: list[str] = []
 
     def sensor() -> None:
         channel = glaring(nominal)
+        if channel is None and nominal.misfit > FAR and len(search.recordings[0].channels) >= _MANY:
+            suspicious.extend(suggest_channels(search).items())
+            channel = next((c for c, left in suspicious if left < _ACCUSED), None)
         if channel is not None:
+            deafened.append(channel)
             deafen(search, explanation, nominal, channel)
 
     def balance() -> None:
@@ -79,12 +86,12 @@ def _search_all(
         begin_guide(search, explanation)
         if settled(search, explanation, nominal):
             return
-        channels = dict(list(suggest_channels(search).items())[:_FAULTS])
+        channels = dict((suspicious or list(suggest_channels(search).items()))[:_FAULTS])
         begin_dimensions(search, explanation, channels)
         if not settled(search, explanation, nominal):
             begin_film(search, explanation)
         for channel in channels:
-            if not settled(search, explanation, nominal):
+            if channel not in deafened and not settled(search, explanation, nominal):
                 deafen(search, explanation, nominal, channel)
 
     def likely() -> None:
@@ -151,8 +158,8 @@ def _search_all(
             fit_curve(search, explanation, waiting)
 
     steps = (
-        sensor, balance, build_on, plain, motion, build_on, inside, likely, build_on, unlikely, build_on,
-        curve, elsewhere, build_on, unlikely_faults, build_on, pair, build_on, other_curve,
+        sensor, build_on, balance, build_on, plain, motion, build_on, inside, likely, build_on, unlikely,
+        build_on, curve, elsewhere, build_on, unlikely_faults, build_on, pair, build_on, other_curve,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):

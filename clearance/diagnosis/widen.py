@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clearance.diagnosis.explain import HALFWAY, NEARLY, Explanation, Search, beside
-from clearance.diagnosis.follow import EDGE
+from clearance.diagnosis.follow import EDGE, Follower
 from clearance.diagnosis.growth import Start
+from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.missing_force import unnamed
 from clearance.diagnosis.screening import Hint, screen
 from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, POOR, Attempt, explained, refine
@@ -108,9 +109,22 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
         _refit(search, explanation, best, sure)
         if explanation.best is best:
             _refit(search, explanation, best, rejoin_impacts(search, best))
+        _compare_kinds(search, explanation, best)
         if explanation.best is best or (best is explanation.nominal and unsettled(explanation)):
             return
         best = explanation.best
+
+
+def _compare_kinds(search: Search, explanation: Explanation, base: Attempt) -> None:
+    """Where a fault of a sensor is best beside ``base``: its other kinds look alike in a linear look."""
+    added = explanation.best.hypotheses[len(base.hypotheses) :]
+    if len(added) != 1 or added[0].channel is None:
+        return
+    for hypothesis, values in _kinds(search, base, base.followers, added[0].channel):
+        if hypothesis.name == added[0].name or search.late():
+            return
+        held, rows = beside(base, [hypothesis], values)
+        search.refit(explanation, held, base.followers, rows, base.scale, 20)
 
 
 def _refit(search: Search, explanation: Explanation, base: Attempt, hints: Sequence[Hint]) -> None:
@@ -150,24 +164,40 @@ def deafen(search: Search, explanation: Explanation, base: Attempt, channel: str
     for follower, trace in zip(hearing, search.traces, strict=True):
         first = follower.measured.first - trace.measured.first
         follower.measured = trace.measured.part(first, first + follower.segments)
-    measured = hearing[0].measured
-    shape = (-1, len(measured.channels))
-    suspicions = suspect(  # a limit may be reached at the highest of several speeds alone
-        np.concatenate([one.measured.values.reshape(shape) for one in hearing]),
-        np.concatenate([one.predicted.reshape(shape) for one in found.fit.passes]),
-        list(measured.channels), measured.chain.rate,
-        np.mean([one.measured.sigma for one in hearing], axis=0), channel,
-    )  # fmt: skip
-    known = {(g[0].name, g[0].channel): g[0] for g in search.groups.values()}
-    for suspicion in suspicions[:_SUSPECTED]:
-        hypothesis = known.get((suspicion.effect, channel))
-        if hypothesis is None:
-            continue
-        added = np.array([suspicion.parameters[u.name] for u in hypothesis.unknowns])
+    for hypothesis, added in _kinds(search, found, hearing, channel):
         held, values = beside(found, [hypothesis], added)
         search.refit(explanation, held, hearing, values, ANNEALING[2])
         if explained(explanation.best):
             return
+
+
+def _kinds(
+    search: Search, base: Attempt, hearing: Sequence[Follower], channel: str
+) -> list[tuple[Hypothesis, np.ndarray]]:
+    """Faults that would turn a channel's signal on the paths of ``base`` into the recorded one, best first.
+
+    Args:
+        search: with its hypotheses.
+        base: that trusts the channel to be faultless.
+        hearing: followers on its paths, with what was recorded.
+        channel: the suspected one.
+    """
+    measured = hearing[0].measured
+    shape = (-1, len(measured.channels))
+    suspicions = suspect(  # a limit may be reached at the highest of several speeds alone
+        np.concatenate([one.measured.values.reshape(shape) for one in hearing]),
+        np.concatenate([one.predicted.reshape(shape) for one in base.fit.passes]),
+        list(measured.channels), measured.chain.rate,
+        np.mean([one.measured.sigma for one in hearing], axis=0), channel,
+    )  # fmt: skip
+    known = {(g[0].name, g[0].channel): g[0] for g in search.groups.values()}
+    found = []
+    for suspicion in suspicions[:_SUSPECTED]:
+        hypothesis = known.get((suspicion.effect, channel))
+        if hypothesis is not None:
+            values = np.array([suspicion.parameters[u.name] for u in hypothesis.unknowns])
+            found.append((hypothesis, values))
+    return found
 
 
 def _deaf(search: Search, explanation: Explanation, base: Attempt, channel: str) -> Attempt | None:

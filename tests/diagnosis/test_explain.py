@@ -117,6 +117,25 @@ def test_what_changes_impacts_alone_shows_where_they_are_torn():
 
 
 @pytest.mark.slow
+def test_a_sensor_that_stops_at_a_limit_is_known_before_the_machine_is():
+    whole = recorded(2e-4)
+    values, place = whole.recorded.copy(), whole.channels.index("rod_b_axial")
+    size = 0.6 * np.abs(values[:, place]).max()
+    values[:, place] = np.clip(values[:, place], -size, size)
+    clipped = Measured.of(Recording(values, whole.channels, CHAIN.rate), CHAIN, "one")
+    assert clipped.clipped[..., place].mean() > 0.1
+    effects = load_effects(["sensor_saturation", "gravity"], [])
+    _, explanation, _ = locate_joint([clipped], [SETTING], effects, SPEEDS, 1, lambda _: None)
+    best = explanation.best
+    assert [(h.name, h.channel) for h in best.hypotheses] == [("sensor_saturation", "rod_b_axial")]
+    assert explained(best)
+    assert best.misfit < 0.8 * explanation.nominal.misfit
+    found, limit = estimates(best)
+    assert limit.low < size < limit.high < 1.001 * size
+    assert found.value == pytest.approx(2e-4, rel=5e-3)
+
+
+@pytest.mark.slow
 def test_where_nothing_is_missing_nothing_small_is_found():
     found, explanation = search(1e-4, STIFF)
     scrutinise(found, explanation, 2)

@@ -1,5 +1,7 @@
 """A recording as the estimator sees it: its filter as weights, and its noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from clearance.diagnosis.measured import (
     Measured,
     chain_of,
     filter_weights,
+    limit,
     noise_level,
 )
 from clearance.errors import InputError
@@ -91,6 +94,40 @@ def test_a_signal_without_noise_has_a_positive_level():
     for signal in (Signal.ROD_C_AXIAL, Signal.CRANK_SPEED):
         assert noise_level(np.zeros(1000), signal) > 0.0
         assert noise_level(np.full(1000, 3.0), signal) > 0.0
+
+
+@pytest.mark.parametrize("step", [0.0, 0.5])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_limit_is_where_the_largest_value_comes_again_and_again(step, seed):
+    rng = np.random.default_rng(seed)
+    values = filtered(rng, 3000) + 3.0 * rng.normal(size=3000)
+    values = np.round(values / step) * step if step else values
+    assert limit(values) == np.inf
+    assert limit(np.clip(values, -50.0, 50.0)) == 50.0
+    few = np.sort(np.abs(values))[-2]
+    assert limit(np.clip(values, -few, few)) == np.inf, "once is no limit"
+
+
+def test_noise_is_not_looked_for_where_a_sensor_stands_at_its_limit():
+    rng = np.random.default_rng(5)
+    values = np.clip(filtered(rng, 3000) + rng.normal(size=3000), -50.0, 50.0)
+    assert (np.abs(values) == 50.0).mean() > 0.3
+    assert noise_level(values, Signal.ROD_C_AXIAL) < 0.5
+    assert noise_level(values, Signal.ROD_C_AXIAL, 50.0) == pytest.approx(1.0, rel=0.2)
+    always = np.clip(1e3 * values, -50.0, 50.0)
+    assert noise_level(always, Signal.ROD_C_AXIAL, 50.0) == 50.0
+
+
+def test_values_at_a_limit_are_told_from_others():
+    source = recording(2000)
+    values = source.values.copy()
+    values[:, 2] = np.clip(values[:, 2], -1.0, 1.0)
+    measured = Measured.of(replace(source, values=values), CHAIN, "one").part(20, 60)
+    place = measured.channels.index("slider_horizontal")
+    assert np.isfinite(measured.limits).sum() == 1
+    assert measured.limits[place] == 1.0
+    np.testing.assert_array_equal(measured.clipped, np.abs(measured.values) >= measured.limits)
+    assert measured.clipped[..., place].any()
 
 
 def recording(samples=400, channels=("crank_angle", "rod_c_axial", "slider_horizontal"), rate=1e4):
