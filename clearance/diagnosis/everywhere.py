@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from clearance.diagnosis.balance import DRIVE
-from clearance.diagnosis.explain import HALFWAY, PATIENCE, Search
+from clearance.diagnosis.explain import HALFWAY, Search
 from clearance.diagnosis.fit import Model
 from clearance.diagnosis.geometry import GEOMETRIC, LOOSE_GUIDE
 from clearance.diagnosis.growth import Start
@@ -32,13 +32,12 @@ def fit_everywhere(
     are sought anew with another drive; with ``anew`` they are from the first look on.
     """
     model, drive = search.setting.model(held), held[-1].name == DRIVE
-    rattling = held[-1].name == LOOSE_GUIDE
     best: Attempt | None = None
     for look in range(_LOOKS):
 
         def begin(r: int, row: np.ndarray = row, again: bool = anew or look > 0) -> Start:
-            if again or rattling or (drive and r != surest):
-                return start_anew(search, model, row, r, PATIENCE if rattling else 0)
+            if again or (drive and r != surest):
+                return start_anew(search, model, row, r)
             return start_with(search, held[-1], model, row, r)
 
         with ThreadPoolExecutor(search.workers) as pool:
@@ -47,7 +46,7 @@ def fit_everywhere(
         for r, start in enumerate(starts):
             if anew or look or r != surest:
                 values[r, -1] = start.trace.speed
-        found = search.grown(held, values, starts, base=base, patient=rattling)
+        found = search.grown(held, values, starts, base=base)
         if found is None or (best is not None and not found.misfit < best.misfit):
             break
         little = best is not None and found.misfit > _LESS * best.misfit
@@ -68,10 +67,10 @@ def start_with(search: Search, hypothesis: Hypothesis, model: Model, row: np.nda
     return start_anew(search, model, row, r)
 
 
-def start_anew(search: Search, model: Model, row: np.ndarray, r: int, patience: int = 0) -> Start:
+def start_anew(search: Search, model: Model, row: np.ndarray, r: int) -> Start:
     """Where a recording can be followed from, at its own speed, with what another one may have told."""
     trace = search.retrace(r, model.machine(row), model.instrument(row))
-    return Start.of(trace, model.held(np.append(row[:-1], trace.speed)), LOOSENESS, patience)
+    return Start.of(trace, model.held(np.append(row[:-1], trace.speed)), LOOSENESS)
 
 
 def misleads(hypothesis: Hypothesis) -> bool:

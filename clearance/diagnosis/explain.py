@@ -12,7 +12,7 @@ from clearance.diagnosis.clipping import clipped_sensors
 from clearance.diagnosis.finished import Finished, kept_in
 from clearance.diagnosis.fit import Model
 from clearance.diagnosis.follow import Follower
-from clearance.diagnosis.growth import Start, grow, scale_of
+from clearance.diagnosis.growth import Followed, Start, grow, scale_of
 from clearance.diagnosis.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT, Measured
@@ -260,7 +260,7 @@ class Search:
         # what one recording tells of the machine holds for the others, if it followed
         kept = list(range(shared if found[2] < FOLLOWED else 0, rows.shape[1]))
 
-        def one(r: int) -> tuple[Follower, np.ndarray, float] | None:
+        def one(r: int) -> Followed | None:
             other = grow(starts[r], model.only(kept, rows[r]), rows[r, kept], limit, patient=patient)
             return None if other is None else (other[0], np.append(rows[r, : kept[0]], other[1]), other[2])
 

@@ -20,7 +20,7 @@ import clearance
 from clearance.diagnosis import follow
 from clearance.diagnosis.fit import Model, fit
 from clearance.diagnosis.follow import Follower
-from clearance.diagnosis.growth import Start
+from clearance.diagnosis.growth import Followed, Start
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.reconstruction import Reconstruction
@@ -35,8 +35,6 @@ _NAME = re.compile("[0-9a-f]{16}")  # of a diagnosis' folder
 _PROGRAM = ("diagnosis", "mechanism", "recording", "simulation")  # packages that a fit depends on
 Found = TypeVar("Found")
 Arrays = Mapping[str, np.ndarray]
-Followed = tuple[Follower, np.ndarray, float]
-"""One recording's follower, the (unknowns,) values and the misfit."""
 
 
 class Finished:

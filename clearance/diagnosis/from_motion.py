@@ -6,22 +6,18 @@ from dataclasses import replace
 import numpy as np
 
 from clearance.diagnosis.balance import settle_in, suggest_forces
-from clearance.diagnosis.everywhere import fit_everywhere, start_anew
-from clearance.diagnosis.explain import HALFWAY, NEARLY, PATIENCE, Explanation, Rails, Search, beside
+from clearance.diagnosis.everywhere import fit_everywhere
+from clearance.diagnosis.explain import HALFWAY, NEARLY, Explanation, Search, beside
 from clearance.diagnosis.free_search import refine_table
-from clearance.diagnosis.geometry import suggest_dimensions, suggest_guide
-from clearance.diagnosis.growth import grow
+from clearance.diagnosis.geometry import suggest_dimensions
 from clearance.diagnosis.hypothesis import Hypothesis, same
 from clearance.diagnosis.missing_force import KNOTS
-from clearance.diagnosis.search import EXPLAINED, Attempt, explained
+from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.wear import suggest_wear
 from clearance.errors import InputError
 
 _FITTED = 2  # of the forces that are suggested
 _NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
-_LOOKS = 3  # at one recording
-_GAPS = (1.0, 0.95, 1.05, 1.1, 0.9)  # times that which the motion shows: rattling is followed within 3 %
-_HOPELESS = 30.0  # misfit with a gap that is not worth another look
 
 
 def begin_balanced(search: Search, explanation: Explanation) -> None:
@@ -113,50 +109,6 @@ def begin_wear(search: Search, explanation: Explanation, base: Attempt) -> None:
         f"{one.clearance * 1e3:.3f} mm: {one.share:.0%} of the disagreement are left"
     )
     _fit(search, explanation, base, [one.hypothesis], one.values, one.clearance, anew=True)
-
-
-def begin_guide(search: Search, explanation: Explanation) -> None:
-    """Fit play of the slider in its guide, from the gap that the motion shows.
-
-    A shoe that rattles is lost at many strikes, so its path is looked for with patience. The clearance is
-    fitted first: from 1.6 % off it was found on two machines, once the gap was nearly right.
-    """
-    try:
-        one = suggest_guide(search)
-    except np.linalg.LinAlgError:
-        return
-    if one is None:
-        return
-    nominal = explanation.nominal
-    explanation.rails = Rails(one.value, one.clearance)
-    held, values = beside(nominal, [one.hypothesis], np.array([one.value]))
-    model = search.setting.model(held)
-    values[:, 0] = one.clearance
-    for factor in _GAPS:
-        tried = values.copy()
-        tried[:, 1] *= factor
-        begun = [start_anew(search, model, row, r) for r, row in enumerate(tried)]
-        r = int(np.argmin([start.doubt for start in begun]))
-        row, start = tried[r], begun[r]
-        for _ in range(_LOOKS):
-            if search.late():
-                return
-            row = np.append(row[:-1], start.trace.speed)
-            try:
-                found = grow(start, model, row, _HOPELESS, patient=True)
-            except (InputError, np.linalg.LinAlgError):  # the gap has closed
-                break
-            if found is None:
-                break
-            row = found[1]
-            search.report(f"  {one.hypothesis.label}: misfit {found[2]:.3g} on one recording")
-            if found[2] < EXPLAINED:
-                search.keep(
-                    explanation, held,
-                    lambda row=row, r=r: fit_everywhere(search, held, row, r, nominal),  # type: ignore[misc]
-                )  # fmt: skip
-                return
-            start = start_anew(search, model, row, r, PATIENCE)
 
 
 def _fit(

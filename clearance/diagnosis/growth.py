@@ -30,6 +30,8 @@ _JUDGED = 32  # steps before a model may be given up
 _HOPES, _PATIENT = 4, 12  # times that a lost path is looked for in vain between two fits
 _TORN = 3.0  # cost a sample of a segment that is not followed
 _NOTHING = np.zeros((1, 0))
+Followed = tuple[Follower, np.ndarray, float]
+"""One recording's follower, the (unknowns,) values and the misfit."""
 
 
 @dataclass
@@ -58,21 +60,9 @@ class Start:
             looseness: unknown forces over the joint's typical one.
             patience: times that the path is looked for in vain where no island is followed from.
         """
-        follower = trace.follower(looseness)
-        for scale in (ANNEALING[0], ANNEALING[2]):
-            found = settle([follower], model, _NOTHING, 8, 5e-2, 1, tries=2, scale=scale)
-        each = found.passes[0].each
-        last = max(_EDGES + 1, min(trace.margin, len(each) - _ISLAND - _PROBED - _EDGES))
-        worst = np.full(last, np.inf)
-        for i in range(_EDGES, last):
-            worst[i] = each[i : i + _ISLAND].max()
-        surest = int(np.argmin(worst))
+        follower, islands = _smoothed(trace, model, looseness)
         tried: list[Start] = []
-        for _ in range(_CANDIDATES):
-            island = int(np.argmin(worst))
-            if not np.isfinite(worst[island]):
-                break
-            worst[max(island - _ISLAND, 0) : island + _ISLAND] = np.inf
+        for island in islands[:_CANDIDATES]:
             tried.append(_locked(trace, follower, model, island, 0)[0])
             if tried[-1].doubt < FOLLOWED:
                 break
@@ -83,8 +73,16 @@ class Start:
             tried.append(other)
         best = min(tried, key=lambda start: start.doubt, default=None)
         if best is None or best.doubt > _LOST:  # physics is missing: better the path with unknown forces
+            surest = islands[0] if islands else 0
             return Start(trace, follower, surest, np.inf if best is None else best.doubt)
         return best
+
+    @staticmethod
+    def several(trace: Trace, model: Model, looseness: float, count: int) -> "list[Start]":
+        """From each of the ``count`` surest islands, the least doubtful one first; as of ``of``."""
+        follower, islands = _smoothed(trace, model, looseness)
+        tried = [_locked(trace, follower, model, island, 0)[0] for island in islands[:count]]
+        return sorted(tried, key=lambda start: start.doubt)
 
     def without(self, channel: str) -> "Start":
         """The same with a channel that says nothing."""
@@ -100,7 +98,7 @@ def grow(
     limit: float = np.inf,
     most: int | None = None,
     patient: bool = False,
-) -> tuple[Follower, np.ndarray, float] | None:
+) -> Followed | None:
     """Follow a recording from its island as far as is wanted.
 
     Args:
@@ -110,7 +108,7 @@ def grow(
         limit: misfit above which the model is given up on the way.
         most: segments, at most; as many as the trace wants if ``None``.
         patient: whether the path is looked for however badly it is followed so far, and the clearance is
-            fitted before what else the model has.
+            fitted before what else the model has; it may be given up at the first fit.
 
     Returns:
         The follower of what was followed, the (unknowns,) values found and the misfit; ``None`` where the
@@ -144,10 +142,28 @@ def grow(
         held = model.held(rows[0])
         # a path is looked for where a model that is right so far loses it, not where physics is missing
         hopes = _PATIENT if patient else _HOPES if found.level * scale**2 < FOLLOWED else 0
-        if steps >= _JUDGED and found.level * scale**2 > limit:
+        if steps >= (_FIRST_FIT if patient else _JUDGED) and found.level * scale**2 > limit:
             return None
     assert found is not None
     return follower.part(first, end), rows[0], found.level * scale**2
+
+
+def _smoothed(trace: Trace, model: Model, looseness: float) -> tuple[Follower, list[int]]:
+    """The smoothed path with unknown forces, and islands on it, the surest first."""
+    follower = trace.follower(looseness)
+    for scale in (ANNEALING[0], ANNEALING[2]):
+        found = settle([follower], model, _NOTHING, 8, 5e-2, 1, tries=2, scale=scale)
+    each = found.passes[0].each
+    last = max(_EDGES + 1, min(trace.margin, len(each) - _ISLAND - _PROBED - _EDGES))
+    worst = np.full(last, np.inf)
+    for i in range(_EDGES, last):
+        worst[i] = each[i : i + _ISLAND].max()
+    islands: list[int] = []
+    while np.isfinite(worst.min()):
+        island = int(np.argmin(worst))
+        islands.append(island)
+        worst[max(island - _ISLAND, 0) : island + _ISLAND] = np.inf
+    return follower, islands
 
 
 def _landed(follower: Follower, model: Model, island: int) -> Follower:

@@ -14,10 +14,12 @@ from clearance.diagnosis.evidence import gather_evidence
 from clearance.diagnosis.explain import PATIENCE, Explanation, Search
 from clearance.diagnosis.fit import Model, Unknown
 from clearance.diagnosis.follow import STRUCTURE
+from clearance.diagnosis.geometry import LOOSE_GUIDE
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.mismatch import Innovations, innovations, interval, root_mean_square, summary
+from clearance.diagnosis.rattling import fit_rattling
 from clearance.diagnosis.search import ANNEALING, Attempt, explained, refine
 from clearance.diagnosis.significance import p_value
 from clearance.diagnosis.strategy import find_explanation
@@ -209,8 +211,12 @@ def _held_out(
             traces = list(pool.map(one, held_out))
         values = np.array([[trace.speed] for trace in traces])
         right = explained(attempt)  # what explains its own recordings is looked for with patience in others
-        starts = search.begin(traces, only_speed, values, PATIENCE if right else 0)
-        found = search.grown((), values, starts, model=only_speed, patient=right)
+        found = None
+        if right and any(h.name == LOOSE_GUIDE for h in attempt.hypotheses):
+            found = fit_rattling(traces, only_speed, values, search.workers)
+        if found is None:
+            starts = search.begin(traces, only_speed, values, PATIENCE if right else 0)
+            found = search.grown((), values, starts, model=only_speed, patient=right)
     assert found is not None
     values = found.fit.values
     found.fit.values = np.concatenate(

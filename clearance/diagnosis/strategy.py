@@ -5,9 +5,10 @@ from collections.abc import Callable
 from clearance.diagnosis.elsewhere import begin_elsewhere, begin_film, begin_plausible
 from clearance.diagnosis.explain import FAR, NEARLY, Explanation, Search, penalised
 from clearance.diagnosis.free_search import fit_curve, name_curve, reshape, suggest_curve
-from clearance.diagnosis.from_motion import begin_balanced, begin_dimensions, begin_guide, begin_wear
+from clearance.diagnosis.from_motion import begin_balanced, begin_dimensions, begin_wear
 from clearance.diagnosis.geometry import suggest_channels
 from clearance.diagnosis.missing_force import Curve, unnamed
+from clearance.diagnosis.rattling import begin_guide
 from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.simplify import enlarge, prune
 from clearance.diagnosis.verdict import unsettled

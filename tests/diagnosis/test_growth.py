@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from clearance.diagnosis import growth
 from clearance.diagnosis.growth import Start, grow, scale_of
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.measured import Measured
@@ -19,7 +20,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.recording import Recording
 from clearance.simulation.integrator import Integrator
-from clearance.simulation.layout import Signal
+from clearance.simulation.layout import Signal, State
 from clearance.simulation.trajectory import simulate_trajectory
 
 CHAIN, SETTING = MeasurementChain(), Setting(SliderCrank(), "C")
@@ -49,6 +50,28 @@ def begun(setting, guess, **laws):
     trace = Trace.of(measured, aligned(measured, machine, (50.0, 150.0)), machine)
     model, values = setting.model(), np.array([guess, trace.speed])
     return Start.of(trace, model.held(values), 0.15), model, values
+
+
+def test_islands_are_apart_and_the_least_doubtful_comes_first():
+    start, model, values = begun(SETTING, CLEARANCE)
+    several = Start.several(start.trace, model.held(values), 0.15, 3)
+    doubts, places = [one.doubt for one in several], sorted(one.island for one in several)
+    assert len(several) == 3
+    assert doubts == sorted(doubts)
+    assert min(np.diff(places)) > 0
+    assert doubts[0] < FOLLOWED
+
+
+def test_one_who_is_patient_gives_up_a_false_island_at_the_first_fit(monkeypatch):
+    monkeypatch.setattr("clearance.diagnosis.horizon.rejoin", lambda *_: False)
+    fits = []
+    fitted = growth._fitted
+    monkeypatch.setattr("clearance.diagnosis.growth._fitted", lambda *of: fits.append(1) or fitted(*of))
+    start, model, values = begun(SETTING, CLEARANCE)
+    false = Start(start.trace, start.trace.follower(0.15), start.island, start.doubt)
+    false.follower.path.nodes[:, State.CRANK_ANGLE] += 0.2
+    assert grow(false, model.only([1], values), values[1:], 1.0, patient=True) is None
+    assert len(fits) == 1
 
 
 def test_a_clearance_that_is_wrong_by_four_per_cent_is_right_at_the_end():

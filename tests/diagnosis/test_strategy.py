@@ -9,9 +9,9 @@ from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.elsewhere import _try_out, begin_plausible
 from clearance.diagnosis.explain import Explanation
 from clearance.diagnosis.hypothesis import Setting, gather
-from clearance.diagnosis.strategy import _enough
+from clearance.diagnosis.strategy import _enough, _search_all
 from clearance.diagnosis.verdict import unsettled
-from clearance.diagnosis.widen import glaring
+from clearance.diagnosis.widen import _compare_kinds, glaring
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.test_verdict import attempt
 
@@ -98,3 +98,44 @@ def test_each_candidate_is_tried_though_something_small_explains():
     each = list({group[0].name: group for group in GROUPS}.values())
     _try_out(search, explanation, nominal, each[:2], None)
     assert fitted == ["guide_friction", "restitution"]
+
+
+@pytest.mark.parametrize(
+    ("misfit", "channels", "left", "expected"),
+    [
+        (400.0, 7, 0.3, ["rod_b_axial"]),
+        (400.0, 7, 0.45, []),  # the motion does not agree much better without it
+        (400.0, 4, 0.3, []),  # none of four can be spared
+        (10.0, 7, 0.3, []),  # the nominal path is near: other looks are cheaper
+    ],
+)
+def test_a_sensor_that_the_motion_accuses_comes_before_forces(monkeypatch, misfit, channels, left, expected):
+    asked = []
+    nominal = attempt([], misfit)
+    search = SimpleNamespace(
+        recordings=[SimpleNamespace(channels=("rod_b_axial",) * channels)], late=lambda: len(asked) > 0
+    )
+    strategy = "clearance.diagnosis.strategy."
+    monkeypatch.setattr(
+        strategy + "look", lambda *_: SimpleNamespace(plain=[], likely=[], unlikely=[], pairs=[])
+    )
+    monkeypatch.setattr(strategy + "glaring", lambda _: None)
+    monkeypatch.setattr(strategy + "suggest_channels", lambda _: {"rod_b_axial": left})
+    monkeypatch.setattr(strategy + "deafen", lambda *of: asked.append(of[3]))
+    monkeypatch.setattr(strategy + "begin_balanced", lambda *_: asked.append("balance"))
+    _search_all(search, Explanation(nominal), 3, lambda _: None)
+    assert asked == [*expected, *([] if expected else ["balance"])]
+
+
+def test_kinds_of_a_sensors_fault_are_compared_up_to_the_one_that_was_found(monkeypatch):
+    refitted = []
+    nominal, delay = attempt([], 1.1), attempt(["sensor_delay"], 1.0)
+    kinds = [SimpleNamespace(name=f"sensor_{kind}") for kind in ("resonance", "delay", "gain")]
+    monkeypatch.setattr("clearance.diagnosis.widen._kinds", lambda *_: [(kind, np.ones(1)) for kind in kinds])
+    monkeypatch.setattr("clearance.diagnosis.widen.beside", lambda base, held, values: (held, values))
+    nominal.followers, nominal.scale = [], 1.0
+    search = SimpleNamespace(late=lambda: False, refit=lambda _, held, *more: refitted.append(held[0].name))
+    for channel, expected in ((None, []), ("rod_c_axial", ["sensor_resonance"])):
+        delay.hypotheses[0].channel = channel
+        _compare_kinds(search, Explanation(nominal, [delay]), nominal)
+        assert refitted == expected
