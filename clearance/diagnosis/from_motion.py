@@ -100,7 +100,10 @@ def begin_wear(search: Search, explanation: Explanation, base: Attempt) -> None:
 
     How much better the motion agrees says little: beside a missing force lobes do, too (a tenth was seen).
     """
-    one = suggest_wear(search)
+    try:
+        one = suggest_wear(search, base)
+    except (InputError, np.linalg.LinAlgError):
+        return
     if one is None:
         return
     shown = ", ".join(f"{value:.3g}" for value in one.values)

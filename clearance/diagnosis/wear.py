@@ -4,14 +4,16 @@ The path that the accelerations show (``reconstruction``) must keep to the bore.
 at some phases; the best ones are then fitted, with the clearance, to the motion of all recordings.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
 from clearance.diagnosis.explain import Search
-from clearance.diagnosis.hypothesis import Hypothesis
-from clearance.diagnosis.trace import COMPARED, agreement
+from clearance.diagnosis.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.measured import Measured
+from clearance.diagnosis.search import Attempt
+from clearance.diagnosis.trace import COMPARED, agreement, profile
 from clearance.errors import InputError
 
 WORN = "worn_bearing"
@@ -37,18 +39,30 @@ class Wear:
     share: float
 
 
-def suggest_wear(search: Search) -> Wear | None:
-    """The lobes with which the motion of all recordings agrees best; ``None`` if nobody asks for them."""
+def suggest_wear(search: Search, base: Attempt) -> Wear | None:
+    """The lobes with which the motion of all recordings agrees best; ``None`` if nobody asks for them.
+
+    Args:
+        search: after its nominal stage.
+        base: whose effects and faults are known; a guide line that lies elsewhere would hide the lobes.
+
+    Raises:
+        LinAlgError: links that reach at no clearance.
+    """
     worn = [h for group in search.groups.values() for h in group if h.name == WORN]
     known = {int(h.start[1]): h for h in worn}  # one of each order, which is not fitted
     if not known:
         return None
-    clearance = search.profile.best
-    recordings, alignments, workers = search.recordings, search.alignments, search.workers
+    alignments, workers = search.alignments, search.workers
+    recordings, setting, shown = search.recordings, search.setting, search.profile
+    if base.hypotheses:
+        recordings, setting = _beside(search, base)
+        shown = profile(recordings, alignments, setting.with_clearance, workers)
+    clearance = shown.best
 
     def left(clearance: float, shapes: np.ndarray) -> np.ndarray:
         """(shapes,) disagreement with (shapes, 3) amplitude, order and phase."""
-        nominal = search.setting.with_clearance(clearance)
+        nominal = setting.with_clearance(clearance)
         machines = [known[int(shape[1])].apply(nominal, shape) for shape in shapes]
         return agreement(recordings, alignments, machines, COMPARED, workers)
 
@@ -72,4 +86,15 @@ def suggest_wear(search: Search) -> Wear | None:
         cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": _MOST}
     )  # fmt: skip
     gap, shape = shape_of(found.x)
-    return Wear(known[int(best[1])], shape, gap, float(found.fun / search.profile.misfit.min()))
+    return Wear(known[int(best[1])], shape, gap, float(found.fun / shown.misfit.min()))
+
+
+def _beside(search: Search, base: Attempt) -> tuple[list[Measured], Setting]:
+    """The recordings without the faults of an attempt's sensors, and the machine with its effects."""
+    machine, place, values = search.setting.machine, 1, base.fit.values[0]
+    for hypothesis in base.hypotheses:
+        count = len(hypothesis.unknowns)
+        machine = hypothesis.apply(machine, values[place : place + count])
+        place += count
+    instrument = base.model.instrument(values)
+    return [one.undone(instrument) for one in search.recordings], replace(search.setting, machine=machine)

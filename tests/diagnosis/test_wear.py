@@ -36,10 +36,20 @@ def test_a_journal_keeps_to_a_bore_that_is_not_round(joint):
     assert misfits[1] < misfits[0]
 
 
+def known(search, name="", size=0.0):
+    """An attempt that knows one effect and its size, or nothing."""
+    held = [group[0] for group in search.groups.values() if group[0].name == name]
+    values = np.array([[CLEARANCE, *[size] * len(held), 700.0]])
+    return SimpleNamespace(
+        hypotheses=held, fit=SimpleNamespace(values=values), model=search.setting.model(held)
+    )
+
+
 @pytest.mark.slow
-def test_the_lobes_are_told_by_the_motion():
-    search = traced(worn(NOMINAL, "C", LOBES))
-    found = suggest_wear(search)
+@pytest.mark.parametrize("offset", [0.0, -3e-3])
+def test_the_lobes_are_told_by_the_motion_beside_what_is_known(offset):
+    search = traced(worn(replace(NOMINAL, guide_offset=offset), "C", LOBES))
+    found = suggest_wear(search, known(search, "slider_offset" if offset else "", offset))
     assert found.values[1] == LOBES.order
     order = found.hypothesis.unknowns[1]
     assert order.low <= LOBES.order <= order.high
@@ -50,4 +60,4 @@ def test_the_lobes_are_told_by_the_motion():
 
 
 def test_a_wear_that_is_not_among_the_hypotheses_is_not_looked_for():
-    assert suggest_wear(SimpleNamespace(groups={})) is None
+    assert suggest_wear(SimpleNamespace(groups={}), SimpleNamespace(hypotheses=())) is None
