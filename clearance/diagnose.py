@@ -3,10 +3,12 @@
 import logging
 import os
 import sys
+from dataclasses import replace
 from math import inf, pi
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from hydra.core.hydra_config import HydraConfig
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
@@ -125,7 +127,7 @@ def _finished(given: Any) -> Path | None:
 def _load(
     named: dict[str, Recording], others: dict[str, Recording], channels: tuple[str, ...]
 ) -> tuple[list[Measured], list[Measured]]:
-    """Recordings to fit and recordings to judge by, with the channels that all of them have."""
+    """Recordings to fit and recordings to judge by, with the channels that say something in all of them."""
     everything = {**named, **others}
     rates = {name: recording.rate for name, recording in everything.items()}
     if len(set(rates.values())) > 1:
@@ -140,8 +142,15 @@ def _load(
             f"recordings: share {shared} of the channels {list(channels)}; at least one on rod or slider is "
             "needed to follow the mechanism; change sensors or recordings"
         )
+    silent = {
+        name: tuple(c for c in shared if np.ptp(recording.channel(c)) == 0.0)
+        for name, recording in everything.items()
+    }
+    heard = [c for c in shared if not any(c in mute for mute in silent.values())] or shared
     measured = {
-        name: Measured.of(recording.select(shared), chain_of(recording, name), name)
+        name: replace(
+            Measured.of(recording.select(heard), chain_of(recording, name), name), silent=silent[name]
+        )
         for name, recording in everything.items()
     }
     if others:

@@ -164,9 +164,12 @@ class Search:
         explanation = Explanation(found)
         if clipped:
             scale, (clearances, speeds) = max(found.scale, ANNEALING[3]), found.fit.values.T
-            explanation.nominal = refine(
-                (), self.setting.model(), found.followers, found.fit.values, scale, 8, self.workers
+            plain, paths, begun = self.setting.model(), found.followers, found.fit.values
+            nominal = self.finished.attempt(
+                (), plain, lambda: refine((), plain, paths, begun, scale, 8, self.workers), self.workers
             )
+            assert nominal is not None
+            explanation.nominal = nominal
             values = np.column_stack([clearances, np.tile(limits, (len(speeds), 1)), speeds])
             self.refit(explanation, clipped, found.followers, values, scale)
         shown = f"clearance {found.fit.values[0, 0] * 1e3:.4f} mm"

@@ -18,7 +18,11 @@ ENCODER_COUNTS = 4096  # a turn, unless declared
 NO_FAULT = Instrument()
 _DEAF = 1e4
 _BLOCK = 64  # samples that show the noise
-_REPEATED, _OUTER = 5, 0.9  # times that a sensor's limit is recorded; share of it from where others compare
+_REPEATED, _OUTER, _NEXT = (
+    5,
+    0.9,
+    4,
+)  # times as often as values near it; share of it, or levels, that are near
 _NOISE = np.random.default_rng(0).normal(size=(4096, len(Signal)))
 _PACE = {  # power of the clock's unit of time in a channel; 2 for accelerations and torques
     Signal.CRANK_ANGLE: 0.0, Signal.CRANK_SPEED: 1.0, Signal.SLIDER_POSITION: 0.0, Signal.SLIDER_VELOCITY: 1.0
@@ -191,12 +195,13 @@ def limit(values: np.ndarray) -> float:
     """At which a channel stops [its unit]: the largest value, where it comes again and again; or infinity.
 
     Noise enters before a converter clips, so that no value comes twice but its limit. Where values are
-    rounded to steps, the largest one is rare unless it is the limit.
+    rounded to steps, however coarse, the largest one is rarer than the next ones unless it is the limit.
     """
-    size = np.abs(values)
-    counts = np.unique(size[size > _OUTER * size.max()], return_counts=True)[1]
-    stops = counts[-1] >= _REPEATED * counts[:-1].max(initial=1)
-    return float(size.max()) if stops else np.inf
+    levels, counts = np.unique(np.abs(values), return_counts=True)
+    near = levels > _OUTER * levels[-1]
+    near[-_NEXT:] = True
+    stops = counts[-1] >= _REPEATED * counts[near][:-1].max(initial=1)
+    return float(levels[-1]) if stops else np.inf
 
 
 def noise_level(values: np.ndarray, signal: int, limit: float = np.inf) -> float:

@@ -1,6 +1,7 @@
 """In which order explanations are tried: what is likely and cheap first, what is rare and dear last."""
 
 from collections.abc import Callable
+from functools import cache
 
 from clearance.diagnosis.elsewhere import begin_elsewhere, begin_film, begin_plausible
 from clearance.diagnosis.explain import FAR, NEARLY, Explanation, Search, penalised
@@ -65,14 +66,13 @@ def _search_all(
     built_on: list[Attempt] = []
     explored = False
     waiting: list[Curve] = []
-    suspicious: list[tuple[str, float]] = []
+    suspicious = cache(lambda: suggest_channels(search))
     deafened: list[str] = []
 
     def sensor() -> None:
         channel = glaring(nominal)
         if channel is None and nominal.misfit > FAR and len(search.recordings[0].channels) >= _MANY:
-            suspicious.extend(suggest_channels(search).items())
-            channel = next((c for c, left in suspicious if left < _ACCUSED), None)
+            channel = next((c for c, left in suspicious().items() if left < _ACCUSED), None)
         if channel is not None:
             deafened.append(channel)
             deafen(search, explanation, nominal, channel)
@@ -87,7 +87,7 @@ def _search_all(
         begin_guide(search, explanation)
         if settled(search, explanation, nominal):
             return
-        channels = dict((suspicious or list(suggest_channels(search).items()))[:_FAULTS])
+        channels = dict(list(suspicious().items())[:_FAULTS])
         begin_dimensions(search, explanation, channels)
         if not settled(search, explanation, nominal):
             begin_film(search, explanation)

@@ -10,8 +10,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from clearance.diagnosis.explain import Search
-from clearance.diagnosis.hypothesis import Hypothesis, Setting
-from clearance.diagnosis.measured import Measured
+from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.search import Attempt
 from clearance.diagnosis.trace import COMPARED, agreement, profile
 from clearance.errors import InputError
@@ -56,7 +55,9 @@ def suggest_wear(search: Search, base: Attempt) -> Wear | None:
     alignments, workers = search.alignments, search.workers
     recordings, setting, shown = search.recordings, search.setting, search.profile
     if base.hypotheses:
-        recordings, setting = _beside(search, base)
+        values = base.fit.values[0]
+        setting = replace(setting, machine=base.model.machine(values))
+        recordings = [one.undone(base.model.instrument(values)) for one in recordings]
         shown = profile(recordings, alignments, setting.with_clearance, workers)
     clearance = shown.best
 
@@ -87,14 +88,3 @@ def suggest_wear(search: Search, base: Attempt) -> Wear | None:
     )  # fmt: skip
     gap, shape = shape_of(found.x)
     return Wear(known[int(best[1])], shape, gap, float(found.fun / shown.misfit.min()))
-
-
-def _beside(search: Search, base: Attempt) -> tuple[list[Measured], Setting]:
-    """The recordings without the faults of an attempt's sensors, and the machine with its effects."""
-    machine, place, values = search.setting.machine, 1, base.fit.values[0]
-    for hypothesis in base.hypotheses:
-        count = len(hypothesis.unknowns)
-        machine = hypothesis.apply(machine, values[place : place + count])
-        place += count
-    instrument = base.model.instrument(values)
-    return [one.undone(instrument) for one in search.recordings], replace(search.setting, machine=machine)

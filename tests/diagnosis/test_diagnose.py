@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from clearance.diagnose import _load
 from clearance.diagnosis.demonstration import CLEARANCE, FRICTION, SPEED, record
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.hypothesis import Setting
@@ -12,7 +13,7 @@ from clearance.diagnosis.measured import Measured, chain_of
 from clearance.diagnosis.outcome import diagnose
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.slider_crank import SliderCrank
-from clearance.recording.files import write
+from clearance.recording.files import read, write
 from tests.command_line import launch
 
 RPM = 3.141592653589793 / 30.0
@@ -171,3 +172,13 @@ def test_a_recording_of_another_machine_is_said_to_be_one(tmp_path):
     done = launch("diagnose", "recordings=[other.parquet]", folder=tmp_path)
     assert done.returncode == 2
     assert "other.parquet" in done.stderr
+
+
+def test_a_sensor_that_is_constant_in_one_recording_is_left_out_of_all(recordings):
+    whole = read(recordings / "a.parquet")
+    values = whole.values.copy()
+    values[:, whole.channels.index("rod_b_axial")] = 0.0
+    fitted, judged = _load({"a": whole, "b": replace(whole, values=values)}, {}, whole.channels)
+    assert [one.silent for one in (*fitted, *judged)] == [(), ("rod_b_axial",)] * 2
+    assert len({one.channels for one in (*fitted, *judged)}) == 1
+    assert "rod_b_axial" not in fitted[0].channels

@@ -108,6 +108,13 @@ def test_a_limit_is_where_the_largest_value_comes_again_and_again(step, seed):
     assert limit(np.clip(values, -few, few)) == np.inf, "once is no limit"
 
 
+@pytest.mark.parametrize("levels", [1, 2, 3, 6])
+def test_a_coarse_converter_is_not_one_that_clips(levels):
+    values = np.random.default_rng(levels).normal(size=3000)
+    step = 3.0 / levels
+    assert limit(np.round(values / step) * step) == np.inf
+
+
 def test_noise_is_not_looked_for_where_a_sensor_stands_at_its_limit():
     rng = np.random.default_rng(5)
     values = np.clip(filtered(rng, 3000) + rng.normal(size=3000), -50.0, 50.0)
