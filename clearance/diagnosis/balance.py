@@ -23,7 +23,7 @@ from scipy.optimize import minimize_scalar
 from clearance.diagnosis.explain import Search
 from clearance.diagnosis.geometry import GEOMETRIC
 from clearance.diagnosis.hypothesis import SMALLEST_CLEARANCE, Hypothesis, Setting
-from clearance.diagnosis.missing_force import Curve, free_form, knots_over, refined
+from clearance.diagnosis.missing_force import Curve, curve_over, free_form, refined
 from clearance.diagnosis.reconstruction import reconstruct
 from clearance.diagnosis.trace import CLEARANCES, COMPARED, agreement, loose
 from clearance.diagnosis.turning import Turning, answer, binned
@@ -41,7 +41,7 @@ _FIRST = 2  # single effects beside which a second one is looked for
 _ITERATIONS, _REWEIGHTED = 12, 4
 _SETTLED = 1e-3  # share by which the cost still falls
 _PRICE, _PRICE_OF_KNOT = 0.04, 0.01  # of what is left, for each size of an effect and each knot of a table
-_UNNAMED = 1.2  # times as much
+_UNNAMED = 1.5  # times as much: a spline says nearly all that two names do
 _SHOWN = 3
 _WITHIN, _CLOSER = 0.7, 10  # of the clearance's logarithm; clearances that are compared there
 DRIVE = "soft_drive"
@@ -80,9 +80,9 @@ class Balanced:
     def label(self) -> str:
         """The hypotheses' labels."""
         shown = " + ".join(h.label for h in self.hypotheses)
-        return (
-            shown if self.curve is None else f"{shown} over {self.curve.argument}, {len(self.values)} knots"
-        )
+        if self.curve is None:
+            return shown
+        return f"{shown} over {self.curve.argument}, {len(self.values)} knots, {self.curve.interpolation}"
 
 
 @dataclass(frozen=True)
@@ -241,13 +241,12 @@ class _Balance:
         found = []
         for (body, direction), names in _TABLES.items():
             for argument in names:
-                knots = knots_over(arguments[argument], argument == "crank_angle")
-                newton = np.ones(len(knots))  # a size to begin with, and to take derivatives by
-                curve = Curve(body, direction, argument, knots, newton, 0.0 * newton, 0.0, 0.0)
-                one = self._table(curve)
+                coarse = curve_over(arguments[argument], body, direction, argument)
+                one = self._table(coarse)
                 if one is not None:
-                    finer = self._table(refined(replace(curve, forces=one.values)))
-                    found += [each for each in (one, finer) if each is not None]
+                    coarse = replace(coarse, forces=one.values)
+                    finer = [self._table(refined(coarse, between)) for between in ("linear", "cubic")]
+                    found.append(min([one, *[each for each in finer if each is not None]], key=_priced))
         return found
 
     def _table(self, curve: Curve) -> Balanced | None:

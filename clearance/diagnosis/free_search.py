@@ -86,11 +86,11 @@ def suggest_curve(search: Search, base: Attempt) -> tuple[list[Curve], float]:
     force = along(best.curve, arguments[best.curve.argument])
     ranked = []
     for other in each[best.curve.body, best.curve.direction]:
-        forces, left = as_function_of(force, arguments[other.argument], other.knots, other.argument)
+        said, left = as_function_of(force, arguments[other.argument], other)
         if other.argument == best.curve.argument:
-            forces, left = best.curve.forces, 0.0
+            said, left = best.curve, 0.0
         if left < _SAID:
-            level, forces = trials.beside_all(replace(other, forces=forces))
+            level, forces = trials.beside_all(said)
             search.report(f"  as a function of {other.argument}: {level * ANNEALING[3] ** 2:.3g}")
             ranked.append((level, replace(other, forces=forces)))
     return [curve for _, curve in sorted(ranked, key=lambda one: one[0])], best.misfit
@@ -118,10 +118,14 @@ def refine_table(search: Search, explanation: Explanation, curve: Curve, coarse:
     if coarse.misfit > _PART * explanation.nominal.misfit or coarse.scale > ANNEALING[3] or search.late():
         return
     rows = coarse.fit.values
-    fine = refined(replace(curve, forces=rows[0, 1:-1]))
-    values = np.array([[row[0], *fine.forces, row[-1]] for row in rows])
-    search.report(f"  with {len(fine.knots)} instead of {len(curve.knots)} knots")
-    search.refit(explanation, [free_form(fine, search.setting.joint)], coarse.followers, values, ANNEALING[3])
+    for between in ("cubic", "linear"):
+        fine = refined(replace(curve, forces=rows[0, 1:-1]), between)
+        values = np.array([[row[0], *fine.forces, row[-1]] for row in rows])
+        search.report(f"  with {len(fine.knots)} instead of {len(curve.knots)} knots, {between} between them")
+        held = [free_form(fine, search.setting.joint)]
+        search.refit(explanation, held, coarse.followers, values, ANNEALING[3])
+        if explained(explanation.best) or search.late():
+            return
 
 
 def reshape(search: Search, explanation: Explanation) -> None:

@@ -3,11 +3,11 @@
 Beside a fitted model, unknown forces on crank, rod and slider kept the simulator on the recording. Whatever
 acts there in truth shows in them, segment by segment. A hypothesis is a pattern over the segments: the forces
 on crank, rod and slider that would do the same. Regressing one on the other is a robust second witness
-beside ``screening``: a few segments with a badly understood impact hardly count. The same regression on hat
-functions of one argument gives the force of free form.
+beside ``screening``: a few segments with a badly understood impact hardly count. The same regression on a
+table of one argument gives the force of free form.
 
 References: Huber 1964, Ann. Math. Stat. 35(1), 73-101 (robust regression); Schwarz 1978, Ann. Stat. 6(2)
-(price of a parameter); de Boor 1978, A Practical Guide to Splines (piecewise linear functions).
+(price of a parameter); de Boor 1978, A Practical Guide to Splines (tables).
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ import numpy as np
 from clearance.diagnosis.fit import Unknown
 from clearance.diagnosis.follow import EDGE, INPUTS, Comparison, Pass
 from clearance.diagnosis.hypothesis import Hypothesis
-from clearance.mechanism.applied_force import TabulatedForce
+from clearance.mechanism.applied_force import TabulatedForce, shares
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.layout import Signal
 
@@ -169,6 +169,7 @@ class Curve:
         deviations: (knots,) standard deviations.
         gain: as in ``Regression``.
         price: of its parameters.
+        interpolation: between the knots, linear or cubic.
     """
 
     body: str
@@ -179,6 +180,17 @@ class Curve:
     deviations: np.ndarray
     gain: float
     price: float
+    interpolation: str = "linear"
+
+    @property
+    def repeats(self) -> bool:
+        """Whether it covers one turn of the crank."""
+        return self.argument == "crank_angle"
+
+    def shares(self, values: np.ndarray) -> np.ndarray:
+        """(values, knots) of each knot's force at values of the argument."""
+        place = (values - self.knots[0]) / (self.knots[1] - self.knots[0])
+        return shares(place, len(self.knots), self.repeats, self.interpolation)
 
 
 def directions(joint: str) -> tuple[tuple[str, str], ...]:
@@ -209,68 +221,55 @@ def curves(seen: Seen, pattern: np.ndarray, joint: str, sizes: np.ndarray) -> li
     for d, (body, direction) in enumerate(directions(joint)):
         for argument in ARGUMENTS:
             values = seen.arguments[argument]
-            repeats = argument == "crank_angle"
-            knots = knots_over(values, repeats)
-            hats = _hats(values, knots, repeats)
-            fitted = regress(seen, pattern[:, :, d, None] * hats[:, None, :])
-            price = len(knots) * np.log(count / _CORRELATED)
+            curve = curve_over(values, body, direction, argument)
+            fitted = regress(seen, pattern[:, :, d, None] * curve.shares(values)[:, None, :])
             found.append(
-                Curve(
-                    body, direction, argument, knots, fitted.coefficients * sizes[d],
-                    fitted.deviations * sizes[d], fitted.gain, float(price),
+                replace(
+                    curve, forces=fitted.coefficients * sizes[d], deviations=fitted.deviations * sizes[d],
+                    gain=fitted.gain, price=float(len(curve.knots) * np.log(count / _CORRELATED)),
                 )
             )  # fmt: skip
     return sorted(found, key=lambda curve: curve.price - curve.gain)
 
 
-def knots_over(values: np.ndarray, repeats: bool) -> np.ndarray:
-    """Knots of a table over (segments,) values of an argument, or over a whole turn."""
-    if repeats:
-        return 2.0 * np.pi * np.arange(KNOTS) / KNOTS
-    low, high = np.quantile(values, [_TAILS, 1.0 - _TAILS])
-    return np.linspace(low, max(high, low + 1e-9), KNOTS)
-
-
-def _hats(values: np.ndarray, knots: np.ndarray, repeats: bool) -> np.ndarray:
-    """(segments, knots) hat functions."""
-    spacing = knots[1] - knots[0]
-    if repeats:
-        distance = np.abs((values[:, None] - knots + np.pi) % (2.0 * np.pi) - np.pi) / spacing
+def curve_over(values: np.ndarray, body: str, direction: str, argument: str) -> Curve:
+    """A curve of size one, with knots over (segments,) values of its argument, or over a whole turn."""
+    if argument == "crank_angle":
+        knots = 2.0 * np.pi * np.arange(KNOTS) / KNOTS
     else:
-        distance = np.abs(np.clip(values, knots[0], knots[-1])[:, None] - knots) / spacing
-    return np.maximum(1.0 - distance, 0.0)
+        low, high = np.quantile(values, [_TAILS, 1.0 - _TAILS])
+        knots = np.linspace(low, max(high, low + 1e-9), KNOTS)
+    return Curve(body, direction, argument, knots, np.ones(KNOTS), np.zeros(KNOTS), 0.0, 0.0)
 
 
-def as_function_of(
-    force: np.ndarray, values: np.ndarray, knots: np.ndarray, argument: str
-) -> tuple[np.ndarray, float]:
-    """A force along a path as a function of an argument: its table, and the share of its variance left out.
+def as_function_of(force: np.ndarray, values: np.ndarray, curve: Curve) -> tuple[Curve, float]:
+    """A force along a path as a function of an argument, and the share of its variance left out.
 
     Args:
         force: (segments,) [N or N m].
         values: (segments,) of the argument.
-        knots: (knots,) of the table; where the path does not come it goes on straight.
-        argument: of ``ARGUMENTS``.
+        curve: its knots; where the path does not come it goes on straight.
     """
-    hats = _hats(values, knots, argument == "crank_angle")
-    straight = _STRAIGHT * np.diff(np.eye(len(knots)), 2, axis=0)
-    rows, right = np.concatenate([hats, straight]), np.concatenate([force, np.zeros(len(straight))])
+    own = curve.shares(values)
+    straight = _STRAIGHT * np.diff(np.eye(len(curve.knots)), 2, axis=0)
+    rows, right = np.concatenate([own, straight]), np.concatenate([force, np.zeros(len(straight))])
     forces = np.linalg.lstsq(rows, right, rcond=None)[0]
-    return forces, float((force - hats @ forces).var() / max(force.var(), 1e-300))
+    return replace(curve, forces=forces), float((force - own @ forces).var() / max(force.var(), 1e-300))
 
 
 def along(curve: Curve, values: np.ndarray) -> np.ndarray:
     """(segments,) force of a curve at values of its argument [N or N m]."""
-    return _hats(values, curve.knots, curve.argument == "crank_angle") @ curve.forces
+    return curve.shares(values) @ curve.forces
 
 
-def refined(curve: Curve) -> Curve:
-    """The same curve with a knot between each two."""
-    repeats = curve.argument == "crank_angle"
+def refined(curve: Curve, interpolation: str) -> Curve:
+    """The same curve with a knot between each two, a line or a spline from one to the next."""
     count, spacing = len(curve.knots), curve.knots[1] - curve.knots[0]
-    knots = curve.knots[0] + 0.5 * spacing * np.arange(2 * count if repeats else 2 * count - 1)
+    knots = curve.knots[0] + 0.5 * spacing * np.arange(2 * count if curve.repeats else 2 * count - 1)
     forces = along(curve, knots)
-    return replace(curve, knots=knots, forces=forces, deviations=np.zeros(len(knots)))
+    return replace(
+        curve, knots=knots, forces=forces, deviations=np.zeros(len(knots)), interpolation=interpolation
+    )
 
 
 def effect_as_curves(
@@ -294,10 +293,9 @@ def effect_as_curves(
     found = []
     for argument in ARGUMENTS:
         values = np.concatenate([one[argument] for one in each])
-        knots = knots_over(values, argument == "crank_angle")
-        forces, left = as_function_of(force, values, knots, argument)
+        curve, left = as_function_of(force, values, curve_over(values, *place, argument))
         if left < _HALF:
-            found.append((left, Curve(*place, argument, knots, forces, np.zeros(len(knots)), 0.0, 0.0)))
+            found.append((left, curve))
     return [curve for _, curve in sorted(found, key=lambda one: one[0])]
 
 
@@ -309,14 +307,14 @@ def unnamed(hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:
 def free_form(curve: Curve, joint: str) -> Hypothesis:
     """A curve as a hypothesis whose parameters are its forces at the knots."""
     argument = curve.argument if curve.argument != "contact_force" else f"force_{joint.lower()}"
-    repeats = argument == "crank_angle"
-    spacing = None if repeats else float(curve.knots[1] - curve.knots[0])
+    spacing = None if curve.repeats else float(curve.knots[1] - curve.knots[0])
     typical = float(max(np.abs(curve.forces).max(), 1e-3))
 
     def apply(machine: SliderCrank, values: np.ndarray) -> SliderCrank:
         law = TabulatedForce(
-            curve.body, curve.direction, argument, float(curve.knots[0]), spacing, tuple(map(float, values))
-        )
+            curve.body, curve.direction, argument, float(curve.knots[0]), spacing,
+            tuple(map(float, values)), curve.interpolation,
+        )  # fmt: skip
         return replace(machine, force=law)
 
     unknowns = tuple(

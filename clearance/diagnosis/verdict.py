@@ -12,7 +12,7 @@ from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.missing_force import FREE_FORM, unnamed
 from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.significance import CALM, SURE
-from clearance.mechanism.applied_force import TabulatedForce
+from clearance.mechanism.applied_force import TabulatedForce, shares
 
 _FLOOR = 1.05  # misfit that a right model may leave
 _SMALL = 0.5  # of the nominal machine's misfit above 1: what is small and right leaves less
@@ -23,6 +23,7 @@ _BLIND, _UNSEEN = (
     1e-16,
 )  # share of its information that a direction is seen with; what it counts with if not
 _PUSHES = {"torque": "torque", "moment": "moment"}
+_ALONG = 4  # points from knot to knot at which a spline is given
 _WORSE = 1.02  # and ratio of their levels
 _UNITS = {"crank_angle": "rad", "slider_position": "m", "slider_velocity": "m/s", "time": "s"}
 _SHOWN = 0.15  # of the clearance that the motion shows: by how much it may be wrong
@@ -39,11 +40,11 @@ class Estimate:
 
 
 def deviations(fit: Fit, combined: np.ndarray | None = None) -> np.ndarray:
-    """(P,) standard deviations of shared parameters: the larger of the model's own and the block-robust ones.
+    """(P,) or (N,) standard deviations of shared parameters: the larger of own and block-robust ones.
 
     Args:
         fit: of a model.
-        combined: (P, P) combinations of the parameters, whose deviations are wanted instead.
+        combined: (N, P) combinations of the parameters, whose deviations are wanted instead.
 
     Reference: White 1982, Econometrica 50(1), 1-25 (sandwich); blocks, since neighbouring segments share
     what the states could not explain.
@@ -337,20 +338,23 @@ def free_form_of(attempt: Attempt, setting: Setting) -> dict[str, Any] | None:
     if hypothesis is None:
         return None
     place = 1 + sum(len(h.unknowns) for h in attempt.hypotheses[: attempt.hypotheses.index(hypothesis)])
-    count = len(hypothesis.unknowns)
-    combined = np.eye(attempt.model.shared)
-    if hypothesis.direction == "torque":
-        combined[place : place + count, place : place + count] -= 1.0 / count
-    forces = (combined @ attempt.fit.values[0, : attempt.model.shared])[place : place + count]
-    band = 1.96 * deviations(attempt.fit, combined)[place : place + count]
-    law = hypothesis.apply(setting.machine, forces).force
+    count, shared = len(hypothesis.unknowns), attempt.model.shared
+    values = attempt.fit.values[0, place : place + count]
+    law = hypothesis.apply(setting.machine, values).force
     assert isinstance(law, TabulatedForce)
     spacing = 2.0 * np.pi / count if law.repeats else float(law.spacing or 0.0)
-    knots = law.start + spacing * np.arange(count)
+    finer = _ALONG if law.interpolation == "cubic" else 1  # whoever reads the table joins its points by lines
+    steps = np.arange(count * finer if law.repeats else (count - 1) * finer + 1) / finer
+    own = shares(steps, count, law.repeats, law.interpolation)
+    if hypothesis.direction == "torque":
+        own = own - 1.0 / count
+    combined = np.zeros((len(own), shared))
+    combined[:, place : place + count] = own
+    forces, band = own @ values, 1.96 * deviations(attempt.fit, combined)
     return {
         "body": law.body, "direction": law.direction, "argument": law.argument,
         "unit": "N m" if law.direction in ("torque", "moment") else "N",
         "argument_unit": _UNITS.get(law.argument, "N"),
-        "table": [[float(k), float(force)] for k, force in zip(knots, forces, strict=True)],
+        "table": [[law.start + spacing * k, float(force)] for k, force in zip(steps, forces, strict=True)],
         "low": (forces - band).tolist(), "high": (forces + band).tolist(),
     }  # fmt: skip

@@ -111,7 +111,10 @@ class Parameter(IntEnum):
     TABLE_START = auto()  # argument at the first knot, in the argument's own unit
     TABLE_INVERSE_SPACING = auto()  # 1 / (argument from knot to knot)
     TABLE_PERIOD = auto()  # after which the table repeats; 0: never, constant beyond the ends
-    TABLE_VALUE_0 = auto()  # N or N m, the first of TABLE_KNOTS values
+    TABLE_LAST = auto()  # spacings from the first knot to where the table ends
+    TABLE_LINEAR = auto()  # weights of the hat functions, and of the cubic B-splines
+    TABLE_CUBIC = auto()
+    TABLE_VALUE_0 = auto()  # N or N m, coefficient of the function around the knot before the first one
     TABLE_VALUE_1 = auto()
     TABLE_VALUE_2 = auto()
     TABLE_VALUE_3 = auto()
@@ -135,6 +138,9 @@ class Parameter(IntEnum):
     TABLE_VALUE_21 = auto()
     TABLE_VALUE_22 = auto()
     TABLE_VALUE_23 = auto()
+    TABLE_VALUE_24 = auto()
+    TABLE_VALUE_25 = auto()
+    TABLE_VALUE_26 = auto()
 
 
 TABLE_KNOTS = 24  # values of a tabulated force

@@ -15,7 +15,7 @@ from clearance.diagnosis.free_search import fit_curve, suggest_curve
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
-from clearance.diagnosis.missing_force import FREE_FORM, Curve, along, as_function_of, refined
+from clearance.diagnosis.missing_force import FREE_FORM, Curve, along, as_function_of, curve_over, refined
 from clearance.diagnosis.screening import Hint, _Column, _range
 from clearance.diagnosis.search import EXPLAINED, explained, whole
 from clearance.diagnosis.torn import rejoin_impacts
@@ -175,13 +175,14 @@ def test_a_small_effect_begins_where_it_has_hardly_begun():
 def test_a_force_is_written_as_a_function_of_what_it_depends_on():
     angle = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
     velocity, position = -3.0 * np.sin(angle), 0.05 * np.cos(angle)
-    drag, knots = -velocity * np.abs(velocity), np.linspace(-4.0, 4.0, 12)
-    forces, left = as_function_of(drag, velocity, knots, "slider_velocity")
-    inside = np.abs(knots) < 3.0
-    np.testing.assert_allclose(forces[inside], -(knots * np.abs(knots))[inside], atol=0.5)
+    drag = -velocity * np.abs(velocity)
+    wide = curve_over(1.3 * velocity, "slider", "x", "slider_velocity")
+    found, left = as_function_of(drag, velocity, wide)
+    inside = np.abs(found.knots) < 3.0
+    np.testing.assert_allclose(found.forces[inside], -(found.knots * np.abs(found.knots))[inside], atol=0.5)
     assert left < 0.01
-    assert forces[0] > forces[1] > forces[2], "it goes on straight beyond the path"
-    assert as_function_of(drag, position, np.linspace(-0.05, 0.05, 12), "slider_position")[1] > 0.9
+    assert found.forces[0] > found.forces[1] > found.forces[2], "it goes on straight beyond the path"
+    assert as_function_of(drag, position, curve_over(position, "slider", "x", "slider_position"))[1] > 0.9
 
 
 @pytest.mark.slow
@@ -236,9 +237,12 @@ def test_a_table_with_more_knots_is_the_same_curve(argument):
     low, high = (0.0, 2.0 * np.pi) if argument == "crank_angle" else (-2.0, 3.0)
     knots = np.linspace(low, high, 12, endpoint=argument != "crank_angle")
     curve = Curve("slider", "x", argument, knots, np.sin(knots) + knots % 2.0, np.ones(12), 1.0, 1.0)
-    fine, places = refined(curve), np.random.default_rng(1).uniform(low, high, 200)
+    fine, places = refined(curve, "linear"), np.random.default_rng(1).uniform(low, high, 200)
     assert len(fine.knots) > 20
     np.testing.assert_allclose(along(fine, places), along(curve, places), atol=1e-12)
+    smooth = refined(curve, "cubic")
+    np.testing.assert_allclose(along(smooth, curve.knots), curve.forces, atol=1e-12)
+    assert np.abs(along(smooth, places) - along(curve, places)).max() > 0.01
 
 
 @pytest.mark.parametrize("name", ["contact_stiffness", "rod_inertia"])
@@ -277,7 +281,7 @@ def test_each_table_is_refined_from_its_own_forces():
         misfit=100.0, scale=10.0, level=1.0, fit=SimpleNamespace(values=np.ones((1, 2)))
     )
     fit_curve(stub, SimpleNamespace(nominal=nominal, best=nominal), two)
-    for k, forces in zip((1.0, 2.0), refitted, strict=True):
+    for k, forces in zip((1.0, 1.0, 2.0, 2.0), refitted, strict=True):  # as a spline, then as lines
         np.testing.assert_allclose(forces, k * np.linspace(1.0, 2.0, 23))
 
 

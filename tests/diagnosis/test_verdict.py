@@ -141,22 +141,39 @@ def test_a_table_of_which_each_knot_may_be_off_is_not_withdrawn(monkeypatch):
     assert explanation.best is table
 
 
-def test_of_a_torque_without_a_name_only_what_varies_is_given():
-    wave = np.array([1.0, 0.0, -1.0, 0.0])
-    curve = Curve("crank", "torque", "crank_angle", 0.5 * np.pi * np.arange(4), wave, wave, 0.0, 0.0)
+WAVE = np.array([1.0, 0.0, -1.0, 0.0])
+
+
+def torque_table(between):
+    """What is said of a torque of unknown level, each difference known to 0.1 sqrt(0.75)."""
+    angle = 0.5 * np.pi * np.arange(4)
+    curve = Curve("crank", "torque", "crank_angle", angle, WAVE, WAVE, 0.0, 0.0, between)
     hypothesis = free_form(curve, "C")
     unknowns = (Unknown("clearance", 1.0), *hypothesis.unknowns, Unknown("speed", 1.0, own=True))
     contrasts = np.eye(4) - 0.25  # the recordings tell differences alone
     information = np.zeros((6, 6))
     information[0, 0] = information[5, 5] = 1.0
     information[1:5, 1:5] = 100.0 * contrasts
-    values = np.array([[3e-4, *(wave - 700.0), 700.0]])
+    values = np.array([[3e-4, *(WAVE - 700.0), 700.0]])
     one = SimpleNamespace(parts=np.zeros((5, 6)))
     fit = Fit(Model(unknowns, lambda _: None), values, 0.0, [one], information)
-    table = Attempt((hypothesis,), fit.model, fit, 1.0, 1.0, [])
-    found = free_form_of(table, Setting(SliderCrank(), "C"))
-    np.testing.assert_allclose([force for _, force in found["table"]], wave, atol=1e-9)
-    np.testing.assert_allclose(np.array(found["high"]) - wave, 1.96 * 0.1 * np.sqrt(0.75), rtol=1e-3)
+    return free_form_of(Attempt((hypothesis,), fit.model, fit, 1.0, 1.0, []), Setting(SliderCrank(), "C"))
+
+
+def test_of_a_torque_without_a_name_only_what_varies_is_given():
+    found = torque_table("linear")
+    np.testing.assert_allclose([force for _, force in found["table"]], WAVE, atol=1e-9)
+    np.testing.assert_allclose(np.array(found["high"]) - WAVE, 1.96 * 0.1 * np.sqrt(0.75), rtol=1e-3)
+
+
+def test_a_spline_is_given_so_closely_that_lines_join_its_points():
+    found = torque_table("cubic")
+    angle, force = np.array(found["table"]).T
+    np.testing.assert_allclose(angle, np.pi / 8.0 * np.arange(16))
+    np.testing.assert_allclose(force, np.cos(angle), atol=0.02)
+    band = np.array(found["high"]) - force
+    np.testing.assert_allclose(band[::4], 1.96 * 0.1 * np.sqrt(0.75), rtol=1e-3)
+    assert (band > 0.0).all()
 
 
 def test_what_derivatives_leave_of_an_unseen_direction_is_no_knowledge():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
 
 from clearance.compilation import entry
 from clearance.errors import InputError
@@ -14,6 +15,7 @@ from clearance.mechanism.applied_force import (
     TabulatedForce,
     choose_argument,
     look_up,
+    shares,
 )
 from clearance.mechanism.parameters import TABLE_KNOTS, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
@@ -61,6 +63,53 @@ def test_a_table_over_the_crank_angle_repeats_every_turn(values, start, angle):
     assert look_up(p, angle + 20.0 * np.pi) == pytest.approx(look_up(p, angle), abs=1e-9)
 
 
+@given(
+    values=st.lists(st.floats(-50.0, 50.0), min_size=2, max_size=TABLE_KNOTS),
+    start=st.floats(-5.0, 5.0),
+    spacing=st.floats(0.01, 3.0),
+    argument=st.floats(-60.0, 60.0),
+)
+@settings(deadline=None, max_examples=200)
+def test_a_spline_is_the_natural_one_and_constant_beyond_its_knots(values, start, spacing, argument):
+    p = parameters(
+        argument="slider_velocity", start=start, spacing=spacing, values=values, interpolation="cubic"
+    )
+    knots = start + spacing * np.arange(len(values))
+    spline = CubicSpline(knots, values, bc_type="natural")
+    expected = spline(np.clip(argument, knots[0], knots[-1]))
+    assert look_up(p, argument) == pytest.approx(expected, abs=1e-7)
+    own = shares(np.array([(argument - start) / spacing]), len(values), False, "cubic")
+    assert own.sum() == pytest.approx(1.0, abs=1e-9)
+    assert (own @ values)[0] == pytest.approx(expected, abs=1e-7)
+
+
+@given(
+    values=st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=TABLE_KNOTS),
+    start=st.floats(-5.0, 5.0),
+    angle=st.floats(-300.0, 300.0),
+)
+@settings(deadline=None, max_examples=200)
+def test_a_spline_over_the_crank_angle_is_periodic(values, start, angle):
+    p = parameters(argument="crank_angle", start=start, values=values, interpolation="cubic")
+    spacing = 2.0 * np.pi / len(values)
+    knots = start + spacing * np.arange(-3 * len(values), 3 * len(values) + 1)
+    forces = np.tile(values, 7)[: len(knots)]
+    expected = CubicSpline(knots, forces, bc_type="periodic")((angle - start) % (2.0 * np.pi) + start)
+    assert look_up(p, angle) == pytest.approx(expected, abs=1e-7)
+    own = shares(np.array([(angle - start) / spacing]), len(values), True, "cubic")
+    assert (own @ values)[0] == pytest.approx(expected, abs=1e-7)
+
+
+def test_a_spline_follows_a_harmonic_of_four_knots_a_period():
+    """The fourth power of what aliases, (1/3)^4, against its square, on the way from knot to knot."""
+    knots, angle = 2.0 * np.pi * np.arange(24) / 24, np.linspace(0.0, 2.0 * np.pi, 997)
+    for between, most in (("linear", 0.32), ("cubic", 0.02)):
+        own = shares(angle / knots[1], 24, True, between)
+        best = np.linalg.lstsq(own, np.cos(6.0 * angle), rcond=None)[0]
+        left = np.abs(own @ best - np.cos(6.0 * angle)).max()
+        assert 0.5 * most < left < most, (between, left)
+
+
 def test_lanes_with_tables_of_their_own_look_up_what_a_single_run_does():
     generator = np.random.default_rng(3)
     columns, arguments = [], np.zeros((1, WIDTH))
@@ -72,6 +121,7 @@ def test_lanes_with_tables_of_their_own_look_up_what_a_single_run_does():
                 spacing=None if over_angle else 0.3,
                 start=generator.normal(),
                 values=list(generator.normal(size=1 + lane)),
+                interpolation="cubic" if lane % 3 == 0 else "linear",
             )
         )
         arguments[0, lane] = 10.0 * generator.normal()
@@ -107,6 +157,7 @@ def test_each_direction_has_a_constant_and_a_weight_in_the_same_order():
         ({"body": "piston"}, r"body = 'piston' is not one of crank, rod, slider, frame, joint_b, joint_c"),
         ({"body": "crank", "direction": "x"}, r"direction = 'x' is not one of torque"),
         ({"argument": "phase"}, r"argument = 'phase' is not one of crank_angle, .*time"),
+        ({"interpolation": "smooth"}, r"interpolation = 'smooth' is not one of linear, cubic"),
         ({"values": []}, r"values has 0 numbers, not 1 to 24"),
         ({"values": [1.0] * 25}, r"values has 25 numbers"),
         ({"values": [1.0, float("nan")]}, r"values = nan"),
