@@ -53,7 +53,7 @@ def gather_evidence(
             "misfit": search.profile.misfit.round(4).tolist(),
         },
         "missing_force": sorted(_missing_force(search, nominal), key=lambda one: one["body"] != body),
-        "signatures": _signatures(held_out, before, after, nominal, best),
+        "signatures": _signatures(held_out, before, after, nominal, best, search.workers),
         "detectability": nominal_map(
             setting.joint, float(clearance), float(speed), search.recordings[0].channels
         ),
@@ -91,7 +91,12 @@ def _missing_force(search: Search, nominal: Attempt) -> list[dict[str, Any]]:
 
 
 def _signatures(
-    held_out: Sequence[Measured], before: Attempt, after: Attempt, nominal: Attempt, best: Attempt
+    held_out: Sequence[Measured],
+    before: Attempt,
+    after: Attempt,
+    nominal: Attempt,
+    best: Attempt,
+    workers: int,
 ) -> dict[str, Any]:
     """Phase averages, spectra and impacts of held-out recordings and of free runs of both machines."""
 
@@ -106,7 +111,7 @@ def _signatures(
     ]
     return signatures(
         held_out, speeds, angles, machines(nominal, before), machines(best, after),
-        best.model.instrument(best.fit.values[0]), 1,
+        best.model.instrument(best.fit.values[0]), workers,
     )  # fmt: skip
 
 

@@ -280,7 +280,8 @@ class Search:
         """The nominal machine on an attempt's paths with unknown forces: what it lacks shows in them."""
         forces = [trace.forces(LOOSENESS) for trace in self.traces]
         values = attempt.fit.values[:, [0, -1]]
-        return loosen(self.setting.model(), values, attempt.followers, forces, self.workers)
+        scales = ANNEALING[3:4] if explained(attempt) else ANNEALING[2:4]
+        return loosen(self.setting.model(), values, attempt.followers, forces, scales, self.workers)
 
     def others(self, base: Attempt) -> list[list[Hypothesis]]:
         """Hypotheses about other things than those of an attempt."""
@@ -391,9 +392,12 @@ class Search:
         """Go on with a clearance [m]: the paths of all recordings."""
         self.clearance = clearance
         machine = self.setting.with_clearance(clearance)
-        self.traces = self.finished.traces(
-            self.alignments, lambda: [self.retrace(r, machine) for r in range(len(self.recordings))]
-        )
+
+        def make() -> list[Trace]:
+            with ThreadPoolExecutor(self.workers) as pool:
+                return list(pool.map(lambda r: self.retrace(r, machine), range(len(self.recordings))))
+
+        self.traces = self.finished.traces(self.alignments, make)
 
     def retrace(self, r: int, machine: SliderCrank, instrument: Instrument = NO_FAULT) -> Trace:
         """The path of a recording for another machine, or with faults of its sensors undone."""

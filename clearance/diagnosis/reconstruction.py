@@ -29,6 +29,7 @@ from clearance.diagnosis.rigid_motion import (
     TORQUE,
     Felt,
     feel,
+    slopes,
 )
 from clearance.mechanism.parameters import Parameter
 from clearance.simulation.layout import STATES, Signal, State
@@ -50,7 +51,6 @@ _SHAKEN = 0.2  # of the inertia forces over the mass of the frame
 _TURNING, _MOVING = 400.0, 2000.0  # rad/s^2, m/s^2: typical accelerations
 _BALANCE, _TORQUE_DRIFT = 0.02, 3.0  # N m; N m/s^0.5: how well the crank's torque balances, how it varies
 _GRAVITY = 5.0  # m/s^2 that the mechanism may lack
-_STEPS = np.array([1e-6, 1e-3, 1e-3, 1e-2, 1e-2, 1e-7, 1e-4, 1e-7, 1e-4, 1e-7, 1e-4, 1e-7, 1e-4])
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def reconstruct(
         robust: whether samples that contradict the path lose weight; not while clearances are compared.
     """
     values = measured.values.reshape(-1, len(measured.signals))[:samples]
-    count, channels, loose = len(values), len(measured.signals), len(joints)
+    count, loose = len(values), len(joints)
     period = 1.0 / measured.chain.rate
     states, forced = FIRST_JOINT + 4 * loose, 1 + 2 * loose
     state, inputs = np.zeros((count, states)), np.zeros((count, forced))
@@ -125,25 +125,16 @@ def reconstruct(
                 rests = _resting(felt, bores[j], state, j, robust and iteration > 2)
                 target[:, 2 * j : 2 * j + 2], sight[:, 2 * j : 2 * j + 2], doubt[:, 2 * j : 2 * j + 2] = rests
         rows = np.column_stack([felt.signals, felt.imbalance])
-        slopes = np.zeros((count, channels + 1, states + forced))
-        for i in range(states + forced):
-            step = _STEPS[i] if i < states else 1.0
-            moved, pushed = state, inputs
-            if i < states:
-                moved = state.copy()
-                moved[:, i] += step
-            else:
-                pushed = inputs.copy()
-                pushed[:, i - states] += step
-            other = feel(parameters, joints, measured.signals, moved, pushed, lifted)
-            slopes[:, :, i] = (np.column_stack([other.signals, other.imbalance]) - rows) / step
+        slope = slopes(parameters, joints, measured.signals, state, inputs, lifted)
         seen = np.column_stack([values, np.zeros(count)]) - rows
-        seen += np.einsum("tmi,ti->tm", slopes, np.concatenate([state, inputs], axis=1))
+        seen += (slope @ np.concatenate([state, inputs], axis=1)[:, :, None])[:, :, 0]
         smoothed = smooth(
-            period, start, spread**2, drift**2, _TORQUE_DRIFT**2 * period, slopes, seen, noise, sight, target,
+            period, start, spread**2, drift**2, _TORQUE_DRIFT**2 * period, slope, seen, noise, sight, target,
             doubt**2,
         )  # fmt: skip
-        state, inputs = smoothed[:, :states], smoothed[:, states:]
+        if not np.isfinite(smoothed).all():
+            raise np.linalg.LinAlgError("the links do not reach")
+        state, inputs = smoothed[:, :states].copy(), smoothed[:, states:].copy()
         felt = feel(parameters, joints, measured.signals, state, inputs, lifted)
     error = (values - felt.signals) ** 2 / noise[:, :-1]
     cost = np.minimum(error, 9.0).mean()
@@ -319,7 +310,10 @@ def smooth(
     target: np.ndarray,
     doubt: np.ndarray,
 ) -> np.ndarray:
-    """Smooth a linear motion under white accelerations (Rauch, Tung, Striebel 1965, AIAA J. 3(8), 1445).
+    """Smooth a linear motion under white accelerations, without an inverse of a covariance.
+
+    Forward a filter, row by row; backward the adjoint of what it saw. Reference: Bierman 1973, Automatica
+    9(4), 503-511 (fixed-interval smoothing with discrete measurements, after Bryson and Frazier 1963).
 
     Args:
         period: of the samples [s].
@@ -335,57 +329,103 @@ def smooth(
         doubt: (samples, 2 joints) variances; infinite: not seen.
 
     Returns:
-        (samples, states + inputs).
+        (samples, states + inputs); not finite where the rows are not.
     """
     count, rows, total = slopes.shape
     inputs = drift.size
     states = total - inputs
-    flow = np.zeros((total, total))
-    for i in range(states):
-        flow[i, i] = 1.0
-    # accelerations run straight from sample to sample: both ends of an interval move the state
-    push = np.zeros((total, inputs))
-    for i in range(inputs):
-        place = 0 if i == 0 else 5 + 2 * (i - 1)
-        flow[place, place + 1] = period
-        flow[place, states + i], push[place, i] = period * period / 3.0, period * period / 6.0
-        flow[place + 1, states + i], push[place + 1, i] = 0.5 * period, 0.5 * period
-        push[states + i, i] = 1.0
-    fresh = push @ np.diag(drift) @ push.T
+    every = rows + target.shape[1]
+    full, half, rest = period * period / 3.0, 0.5 * period, period * period / 6.0
     mean, cover = np.zeros((count, total)), np.zeros((count, total, total))
-    ahead, ahead_cover = np.zeros((count, total)), np.zeros((count, total, total))
+    gains, weights = np.zeros((count, every, total)), np.zeros((count, every))
     x, c = np.zeros(total), np.zeros((total, total))
     x[:states] = start
     for i in range(states):
         c[i, i] = variance[i]
     for i in range(inputs):
         c[states + i, states + i] = drift[i]
-    row = np.zeros(total)
+    row, across = np.zeros(total), np.zeros(total)
     for t in range(count):
-        ahead[t], ahead_cover[t] = x, c
-        for m in range(rows + target.shape[1]):
+        for m in range(every):
             if m < rows:
                 row[:] = slopes[t, m]
                 value, error = seen[t, m], noise[t, m]
             else:
                 k = m - rows
-                error = doubt[t, k]
+                value, error = target[t, k], doubt[t, k]
                 if not np.isfinite(error):
                     continue
                 row[:] = 0.0
                 place = 5 + 4 * (k // 2)
                 row[place], row[place + 2] = sight[t, k, 0], sight[t, k, 1]
-                value = target[t, k]
-            across = c @ row
-            gain = across / (row @ across + error)
-            x = x + gain * (value - row @ x)
-            c = c - np.outer(gain, across)
-        c = 0.5 * (c + c.T)
+            across[:] = 0.0
+            for i in range(total):
+                if row[i] != 0.0:
+                    for j in range(total):
+                        across[j] += row[i] * c[i, j]
+            spread, miss = error, value
+            for i in range(total):
+                spread += row[i] * across[i]
+                miss -= row[i] * x[i]
+            weights[t, m] = miss / spread
+            for i in range(total):
+                gain = across[i] / spread
+                gains[t, m, i] = gain
+                x[i] += gain * miss
+                for j in range(total):
+                    c[i, j] -= gain * across[j]
+        for i in range(total):
+            for j in range(i):
+                c[i, j] = c[j, i] = 0.5 * (c[i, j] + c[j, i])
         mean[t], cover[t] = x, c
-        x, c = flow @ x, flow @ c @ flow.T
+        # accelerations run straight from sample to sample: both ends of an interval move the state
+        for i in range(inputs):
+            place = 0 if i == 0 else 5 + 2 * (i - 1)
+            x[place] += period * x[place + 1] + full * x[states + i]
+            x[place + 1] += half * x[states + i]
+            x[states + i] = 0.0
+            for j in range(total):
+                c[place, j] += period * c[place + 1, j] + full * c[states + i, j]
+                c[place + 1, j] += half * c[states + i, j]
+                c[states + i, j] = 0.0
+        for i in range(inputs):
+            place = 0 if i == 0 else 5 + 2 * (i - 1)
+            for j in range(total):
+                c[j, place] += period * c[j, place + 1] + full * c[j, states + i]
+                c[j, place + 1] += half * c[j, states + i]
+                c[j, states + i] = 0.0
+        for i in range(inputs):
+            place = 0 if i == 0 else 5 + 2 * (i - 1)
+            c[place, place] += rest * rest * drift[i]
+            c[place, place + 1] += rest * half * drift[i]
+            c[place + 1, place] += rest * half * drift[i]
+            c[place + 1, place + 1] += half * half * drift[i]
+            c[place, states + i] += rest * drift[i]
+            c[states + i, place] += rest * drift[i]
+            c[place + 1, states + i] += half * drift[i]
+            c[states + i, place + 1] += half * drift[i]
+            c[states + i, states + i] += drift[i]
         c[2, 2] += torque_drift
-        c += fresh
-    for t in range(count - 2, -1, -1):
-        back = np.linalg.solve(ahead_cover[t + 1], flow @ cover[t]).T
-        mean[t] = mean[t] + back @ (mean[t + 1] - ahead[t + 1])
+    adjoint = np.zeros(total)
+    for t in range(count - 1, -1, -1):
+        for i in range(total):
+            moved = mean[t, i]
+            for j in range(total):
+                moved += cover[t, i, j] * adjoint[j]
+            mean[t, i] = moved
+        for m in range(every - 1, -1, -1):
+            pull = weights[t, m]
+            for i in range(total):
+                pull -= gains[t, m, i] * adjoint[i]
+            if m < rows:
+                for i in range(total):
+                    adjoint[i] += slopes[t, m, i] * pull
+            elif np.isfinite(doubt[t, m - rows]):
+                place = 5 + 4 * ((m - rows) // 2)
+                adjoint[place] += sight[t, m - rows, 0] * pull
+                adjoint[place + 2] += sight[t, m - rows, 1] * pull
+        for i in range(inputs):
+            place = 0 if i == 0 else 5 + 2 * (i - 1)
+            adjoint[states + i] = full * adjoint[place] + half * adjoint[place + 1]
+            adjoint[place + 1] += period * adjoint[place]
     return mean

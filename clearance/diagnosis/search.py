@@ -148,6 +148,7 @@ def loosen(
     values: np.ndarray,
     followers: Sequence[Follower],
     forces: Sequence[np.ndarray],
+    scales: Sequence[float],
     workers: int = 1,
 ) -> Attempt:
     """A model on given paths with unknown forces beside it, which show what it lacks.
@@ -157,6 +158,7 @@ def loosen(
         values: (recordings, unknowns) to begin with.
         followers: with paths; not changed.
         forces: (inputs,) standard deviations of the forces for each recording [N m, N m, N].
+        scales: of the noise, one after another as long as it follows.
         workers: threads.
     """
     own = [f.part(0, f.segments) for f in followers]
@@ -164,7 +166,7 @@ def loosen(
         follower.input_sigma = sigma
         follower.path.inputs[:] = 0.0
     best: Attempt | None = None
-    for scale in ANNEALING[2:4]:
+    for scale in scales:
         found = fit(own, model, values, 10, 3e-2, workers, scale=scale)
         values = found.values
         best = Attempt((), model, found, scale, found.level, own)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.hypothesis import Setting
@@ -232,4 +233,6 @@ def test_the_command_takes_such_recordings_and_writes_all_that_it_always_writes(
     assert found["summary"][0] in done.stdout
     assert "guide_offset" in (tmp_path / "run/corrected.yaml").read_text()
     assert "Error of the whole run" in (tmp_path / "run/report.html").read_text()
-    assert list((tmp_path / "run").glob("events.out.tfevents.*"))
+    events = EventAccumulator(str(tmp_path / "run")).Reload()
+    assert {"misfit/nominal", "clearance/nominal"} <= set(events.Tags()["scalars"])
+    assert np.isfinite(events.Scalars("misfit/nominal")[0].value)

@@ -6,13 +6,17 @@ from functools import cache
 import numpy as np
 import pytest
 
+from clearance.diagnosis.lift import Lift
 from clearance.diagnosis.measured import SAMPLES, Measured
-from clearance.diagnosis.reconstruction import reconstruct
-from clearance.diagnosis.rigid_motion import feel
+from clearance.diagnosis.reconstruction import reconstruct, smooth
+from clearance.diagnosis.rigid_motion import feel, slopes
 from clearance.diagnosis.trace import Alignment, agreement, profile
+from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.guide import LooseGuide, StribeckGuide
 from clearance.mechanism.joint import Joint
+from clearance.mechanism.load import LinearSpring
+from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.recording import Recording
@@ -105,6 +109,99 @@ def test_signals_and_forces_of_a_motion_are_the_simulators(joint):
     force = results[quiet][:, [Result.FORCE_C_X, Result.FORCE_C_Y]]
     assert np.median(np.abs(felt.force_c - force)) < 1e-2 * np.abs(force).max()
     assert np.median(np.abs(felt.imbalance)) < 1e-2 * np.abs(torque).max() + 1e-3
+
+
+@pytest.mark.parametrize("joints", [("B",), ("C",), ("B", "C")])
+def test_derivatives_are_those_of_what_is_felt(joints):
+    loads = {"spring": LinearSpring(300.0, 0.1), "guide_friction": StribeckGuide(coulomb_force=5.0)}
+    table = TabulatedForce("slider", "x", "crank_angle", 0.0, None, (3.0, -2.0, 4.0), "cubic")
+    p = replace(SliderCrank(**loads, force=table), **{f"joint_{j.lower()}": Joint(3e-4) for j in joints})
+    p, generator = p.parameters(), np.random.default_rng(4)
+    states = 5 + 4 * len(joints)
+    state = np.zeros((7, states))
+    state[:, 0], state[:, 1] = np.linspace(0.0, 6.0, 7), 70.0
+    state[:, 5:] = np.tile([1e-4, 0.02], 2 * len(joints)) * generator.normal(size=(7, states - 5))
+    inputs = 100.0 * generator.normal(size=(7, 1 + 2 * len(joints)))
+    lifted = Lift(1e-5 * np.ones(7), 1e-2 * np.ones(7), 5.0 * np.ones(7), 0.0, 0.0)
+    signals = [*SENSORS, Signal.SLIDER_VERTICAL, Signal.CRANK_ANGLE, Signal.SLIDER_VELOCITY]
+    found = slopes(p, joints, signals, state, inputs, lifted)
+
+    def rows(state, inputs):
+        felt = feel(p, joints, signals, state, inputs, lifted)
+        return np.column_stack([felt.signals, felt.imbalance])
+
+    sizes = np.array([1e-6, 1e-3, 1e-3, 1e-2, 1e-2, *[1e-7, 1e-4] * (2 * len(joints))])
+    for i in range(states + inputs.shape[1]):
+        step = sizes[i] if i < states else 1.0
+        change = np.zeros(states + inputs.shape[1])
+        change[i] = step
+        more = rows(state + change[:states], inputs + change[states:])
+        less = rows(state - change[:states], inputs - change[states:])
+        expected = (more - less) / (2.0 * step)
+        rounded = 2e-7 / step  # of a metre over the square of the moments between which rates are taken
+        np.testing.assert_allclose(
+            found[:, :, i], expected, rtol=1e-3, atol=2e-3 * np.abs(expected).max() + rounded
+        )
+
+
+@pytest.mark.parametrize("joints", [1, 2])
+def test_the_smoother_solves_the_whole_motion_at_once(joints):
+    """Against least squares over the first state and all that drives the motion."""
+    count, rows, period = 9, 3, 1e-2
+    states, inputs = 5 + 4 * joints, 1 + 2 * joints
+    total, generator = states + inputs, np.random.default_rng(joints)
+    start, variance = generator.normal(size=states), generator.uniform(0.5, 2.0, states)
+    drift, torque = generator.uniform(0.5, 2.0, inputs), 0.3
+    slope = generator.normal(size=(count, rows, total))
+    seen, noise = generator.normal(size=(count, rows)), generator.uniform(0.1, 1.0, (count, rows))
+    sight = generator.normal(size=(count, 2 * joints, 2))
+    target = generator.normal(size=(count, 2 * joints))
+    doubt = generator.uniform(0.1, 1.0, (count, 2 * joints))
+    doubt[generator.random(doubt.shape) < 0.3] = np.inf
+    found = smooth(
+        period, start, variance, drift, torque, slope, seen, noise, sight, target, doubt
+    )  # fmt: skip
+    # every state is linear in the first one, in the accelerations at the samples and in the torque's steps
+    cause = states + count * (inputs + 1)
+    motion, at = np.zeros((count, total, cause)), np.zeros((states, cause))
+    before = np.zeros((inputs, cause))
+    at[:, :states] = np.eye(states)
+    for t in range(count):
+        push = np.zeros((inputs, cause))
+        push[:, states + t * (inputs + 1) : states + t * (inputs + 1) + inputs] = np.eye(inputs)
+        if t:
+            for i in range(inputs):
+                place = 0 if i == 0 else 5 + 2 * (i - 1)
+                at[place] += period * at[place + 1] + period**2 * (before[i] / 3.0 + push[i] / 6.0)
+                at[place + 1] += 0.5 * period * (before[i] + push[i])
+            at[2, states + t * (inputs + 1) + inputs] += 1.0
+        motion[t], before = np.concatenate([at, push]), push
+    matrix, right = [np.eye(cause)], [np.concatenate([start, np.zeros(cause - states)])]
+    weight = [1.0 / np.concatenate([variance, np.tile([*drift, torque], count)])]
+    for t in range(count):
+        matrix.append(slope[t] @ motion[t])
+        right.append(seen[t])
+        weight.append(1.0 / noise[t])
+        for k in np.flatnonzero(np.isfinite(doubt[t])):
+            place = 5 + 4 * (k // 2)
+            matrix.append((sight[t, k] @ motion[t][[place, place + 2]])[None])
+            right.append(target[t, k : k + 1])
+            weight.append(1.0 / doubt[t, k : k + 1])
+    root = np.sqrt(np.concatenate(weight))
+    causes = np.linalg.lstsq(
+        np.concatenate(matrix) * root[:, None], np.concatenate(right) * root, rcond=None
+    )[0]
+    np.testing.assert_allclose(found, motion @ causes, rtol=1e-8, atol=1e-8)
+
+
+def test_a_path_that_no_linkage_takes_is_refused():
+    made = machine("C", 3e-4)
+    measured, states = recorded(made)
+    known = aligned(states)
+    short = made.parameters()
+    short[[Parameter.ROD_TO_B, Parameter.ROD_TO_C]] *= 0.3
+    with pytest.raises(np.linalg.LinAlgError, match="do not reach"):
+        reconstruct(measured, short, ("C",), known.speed, known.angle)
 
 
 @pytest.mark.parametrize(("joint", "clearance"), [("C", 1e-4), ("C", 5e-4), ("B", 3e-4)])
