@@ -30,9 +30,11 @@ from clearance.diagnosis.outcome import Outcome, diagnose
 from clearance.diagnosis.report import write_report
 from clearance.errors import InputError
 from clearance.mechanism.description import write_mechanism
+from clearance.recording.bounds import listing
 from clearance.recording.correction import corrected
 from clearance.recording.files import read
 from clearance.recording.recording import Recording
+from clearance.recording.tables import FORMATS
 from clearance.whole_files import write_json
 
 log = logging.getLogger(__name__)
@@ -167,11 +169,20 @@ def _load(
 
 
 def _read(key: str, paths: Any) -> dict[str, Recording]:
-    listed = paths if OmegaConf.is_list(paths) else [paths]
+    listed = [Path(str(path)) for path in (paths if OmegaConf.is_list(paths) else [paths])]
+    files = [file for path in listed for file in (_recordings_in(key, path) if path.is_dir() else [path])]
     try:
-        return {str(path): corrected(read(Path(str(path)))) for path in listed}
+        return {str(file): corrected(read(file)) for file in files}
     except InputError as error:
         raise InputError(f"{key}: {error}") from error
+
+
+def _recordings_in(key: str, folder: Path) -> list[Path]:
+    """The recordings in a folder, by name."""
+    found = sorted(file for file in folder.iterdir() if file.suffix.lower() in FORMATS)
+    if not found:
+        raise InputError(f"{key}: no recording in the folder {folder}; recordings end in {listing(FORMATS)}")
+    return found
 
 
 def _write(folder: Path, outcome: Outcome) -> None:

@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import pytest
 
-from clearance.diagnose import _load
+from clearance.diagnose import _load, _read
 from clearance.diagnosis.demonstration import CLEARANCE, FRICTION, SPEED, record
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.measured import Measured, chain_of
 from clearance.diagnosis.outcome import diagnose
+from clearance.errors import InputError
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.files import read, write
@@ -172,6 +173,16 @@ def test_a_recording_of_another_machine_is_said_to_be_one(tmp_path):
     done = launch("diagnose", "recordings=[other.parquet]", folder=tmp_path)
     assert done.returncode == 2
     assert "other.parquet" in done.stderr
+
+
+def test_a_folder_is_all_recordings_in_it(recordings, tmp_path):
+    files = sorted(recordings.glob("*.parquet"))
+    assert len(files) > 1
+    assert list(_read("recordings", str(recordings))) == list(map(str, files))
+    assert list(_read("recordings", list(map(str, files[:1])))) == [str(files[0])]
+    (tmp_path / "notes.txt").write_text("no recording")
+    with pytest.raises(InputError, match=r"held_out: no recording in the folder .*parquet"):
+        _read("held_out", str(tmp_path))
 
 
 def test_a_sensor_that_is_constant_in_one_recording_is_left_out_of_all(recordings):
