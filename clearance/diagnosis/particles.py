@@ -17,7 +17,7 @@ from clearance.diagnosis.follow import EDGE, Follower
 
 _DRAWN = 64  # states
 _SPREADS = (1.0, 4.0)  # factors on what is known of them, in turn
-_CORRECTED = 16  # of them, nearest first; roughly, then the best one of them to the end
+_CORRECTED = 8  # of them, nearest first; roughly, then the best one of them to the end
 _ROUGH = 3.0  # factor on the noise, to correct them at first
 _ITERATIONS, _GOAL = 4, 1.05
 _KNOWN = 2  # segments before the lost one whose samples tell the state, beyond those at the edge
