@@ -4,6 +4,7 @@ import logging
 import os
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from math import inf, pi
 from pathlib import Path
@@ -67,7 +68,9 @@ def main(cfg: DictConfig) -> None:
         raise InputError(f"most_effects = {most!r} is not a whole number from 1 to 3; change most_effects")
     limit, finished = _time_limit(cfg.time_limit), _finished(cfg.finished)
     workers = threads(cfg.workers) or os.cpu_count() or 1
-    recordings, held_out = _read("recordings", cfg.recordings), _read("held_out", cfg.held_out)
+    judging = _files("held_out", cfg.held_out)
+    fitting = _files("recordings", cfg.recordings, judging)
+    recordings, held_out = _read("recordings", fitting), _read("held_out", judging)
 
     def keep(explanation: Explanation | Findings) -> None:
         write_json(folder / "progress.json", _tried(explanation))
@@ -168,21 +171,40 @@ def _load(
     )
 
 
-def _read(key: str, paths: Any) -> dict[str, Recording]:
-    listed = [Path(str(path)) for path in (paths if OmegaConf.is_list(paths) else [paths])]
-    files = [file for path in listed for file in (_recordings_in(key, path) if path.is_dir() else [path])]
-    try:
-        return {str(file): corrected(read(file)) for file in files}
-    except InputError as error:
-        raise InputError(f"{key}: {error}") from error
+def _files(key: str, paths: Any, held_out: Sequence[Path] = ()) -> list[Path]:
+    """The recordings that a list of files and folders names; of a folder those that are not held out."""
+    listed = [str(path) for path in (paths if OmegaConf.is_list(paths) else [paths])]
+    apart = {file.resolve() for file in held_out}
+    if "" in listed:
+        raise InputError(f"{key} = {listed} names no file or folder; change {key}")
+    found: list[Path] = []
+    for path in map(Path, listed):
+        if path.is_dir():
+            found += [file for file in _recordings_in(key, path) if file.resolve() not in apart]
+        elif path.resolve() in apart:
+            raise InputError(
+                f"{key}: {path} is held out as well, and cannot judge a fit to itself; change {key} or "
+                "held_out"
+            )
+        else:
+            found.append(path)
+    return found
 
 
 def _recordings_in(key: str, folder: Path) -> list[Path]:
     """The recordings in a folder, by name."""
-    found = sorted(file for file in folder.iterdir() if file.suffix.lower() in FORMATS)
+    inside = sorted(file for file in folder.iterdir() if file.suffix.lower() in FORMATS)
+    found = [file for file in inside if file.is_file() and not file.name.startswith(".")]
     if not found:
         raise InputError(f"{key}: no recording in the folder {folder}; recordings end in {listing(FORMATS)}")
     return found
+
+
+def _read(key: str, files: Sequence[Path]) -> dict[str, Recording]:
+    try:
+        return {str(file): corrected(read(file)) for file in files}
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from error
 
 
 def _write(folder: Path, outcome: Outcome) -> None:

@@ -134,9 +134,8 @@ def suggest_forces(search: Search, setting: Setting, clearance: float) -> Sugges
             pair = balance.tried(first.hypotheses + other.hypotheses, np.append(first.values, other.values))
             if pair is not None and pair.cost < _BOTH * min(first.cost, other.cost):
                 pairs.append(pair)
-    tables = balance.tables()
     found = [one for one in [*singles, *pairs] if one.cost < (1.0 - _TAKEN * one.sizes) * before]
-    found += [one for one in tables if one.cost < _FREE * before]
+    found += balance.tables(_FREE * before)
     found.sort(key=_priced)
     for one in found[:_SHOWN]:
         shown = ", ".join(f"{value:.3g}" for value in one.values)
@@ -231,8 +230,8 @@ class _Balance:
                 found.append(values)
         return found
 
-    def tables(self) -> list[Balanced]:
-        """Forces of free form that would give what the crank lacks."""
+    def tables(self, most: float) -> list[Balanced]:
+        """The cheapest force of free form over each argument, of those that cost less than ``most``."""
         arguments = {
             "crank_angle": np.concatenate([turning.angle % (2.0 * pi) for turning in self.turnings]),
             "slider_position": np.concatenate([turning.place for turning in self.turnings]),
@@ -246,7 +245,8 @@ class _Balance:
                 if one is not None:
                     coarse = replace(coarse, forces=one.values)
                     finer = [self._table(refined(coarse, between)) for between in ("linear", "cubic")]
-                    found.append(min([one, *[each for each in finer if each is not None]], key=_priced))
+                    each = [table for table in (one, *finer) if table is not None and table.cost < most]
+                    found += sorted(each, key=_priced)[:1]
         return found
 
     def _table(self, curve: Curve) -> Balanced | None:

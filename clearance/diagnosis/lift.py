@@ -55,10 +55,6 @@ class Lift:
     beyond: float
     astray: float
 
-    def at(self, moment: float) -> np.ndarray:
-        """(samples,) heights a moment [s] later."""
-        return self.height + moment * self.rate + 0.5 * moment * moment * self.acceleration
-
 
 def lift(
     acceleration: np.ndarray, push: np.ndarray, gap: float, stiffness: float, sigma: float, period: float

@@ -132,10 +132,10 @@ def reconstruct(
             period, start, spread**2, drift**2, _TORQUE_DRIFT**2 * period, slope, seen, noise, sight, target,
             doubt**2,
         )  # fmt: skip
-        if not np.isfinite(smoothed).all():
-            raise np.linalg.LinAlgError("the links do not reach")
         state, inputs = smoothed[:, :states].copy(), smoothed[:, states:].copy()
         felt = feel(parameters, joints, measured.signals, state, inputs, lifted)
+        if not (np.isfinite(smoothed).all() and np.isfinite(felt.signals).all()):
+            raise np.linalg.LinAlgError("the links do not reach")
     error = (values - felt.signals) ** 2 / noise[:, :-1]
     cost = np.minimum(error, 9.0).mean()
     for j in range(loose):
@@ -312,8 +312,8 @@ def smooth(
 ) -> np.ndarray:
     """Smooth a linear motion under white accelerations, without an inverse of a covariance.
 
-    Forward a filter, row by row; backward the adjoint of what it saw. Reference: Bierman 1973, Automatica
-    9(4), 503-511 (fixed-interval smoothing with discrete measurements, after Bryson and Frazier 1963).
+    Forward a filter, row by row; backward the adjoint of what it saw. Reference: Bierman 1973, Int. J.
+    Control 18(1), 65-75 (the smoother of Bryson and Frazier for discrete measurements).
 
     Args:
         period: of the samples [s].

@@ -26,9 +26,10 @@ CRANK_ANGLE, CRANK_SPEED, TORQUE, GRAVITY_X, GRAVITY_Y, FIRST_JOINT = range(6)
 """Columns of a motion's state; then, for each loose joint, eccentricity x and its rate, y and its rate."""
 
 
+# rad, rad/s, N m, m/s^2; m and m/s of the eccentricities: by which derivatives are taken
 _STEPS = np.array([1e-6, 1e-3, 1e-3, 1e-2, 1e-2, 1e-7, 1e-4, 1e-7, 1e-4, 1e-7, 1e-4, 1e-7, 1e-4])
 _FORCES = 5  # on the rod at B and at C, and the angle of the rod
-_TIME = float(Argument.TIME)
+_FORCE_B = float(Argument.FORCE_B)  # of the arguments from here on the motion knows none
 # plain numbers: compiled code compares none with members of an enumeration
 (
     _CRANK_A_TRANSVERSE, _CRANK_B_TRANSVERSE, _CRANK_A_AXIAL, _CRANK_B_AXIAL, _ROD_B_TRANSVERSE,
@@ -149,7 +150,7 @@ def _push(
     if p[Parameter.GUIDE_FRICTION_SPEED] > 0.0:
         push += guide_friction(p, velocity, reaction)
     value = 0.0
-    if p[Parameter.TABLE_SLIDER_X] != 0.0 and p[Parameter.TABLE_ARGUMENT] != _TIME:
+    if p[Parameter.TABLE_SLIDER_X] != 0.0 and p[Parameter.TABLE_ARGUMENT] < _FORCE_B:
         argument = choose_argument(
             p, angle, speed, rod_angle, rod_speed, place, velocity, 0.0, 0.0, 0.0, 0.0, 0.0
         )

@@ -56,12 +56,13 @@ def signatures(
         cannot run is left out.
     """
     seen = [_recorded(*each) for each in zip(recordings, speeds, angles, strict=True)]
-    nominal = _free_runs(recordings, before, workers)
-    better = nominal if list(before) == list(after) else _free_runs(recordings, after, workers)
+    same = list(before) == list(after)
+    runs = _free_runs(recordings, before if same else [*before, *after], workers)
     shown = []
     for r, measured in enumerate(recordings):
         kinds = {"recorded": seen[r]}
-        for kind, run, faults in (("before", nominal[r], None), ("after", better[r], instrument)):
+        better = runs[r if same else len(recordings) + r]
+        for kind, run, faults in (("before", runs[r], None), ("after", better, instrument)):
             if run is not None:
                 kinds[kind] = _as_seen(run, measured, faults)
         shown.append(_compared(measured, kinds, abs(speeds[r])))
@@ -86,12 +87,12 @@ def _has_encoder(measured: Measured) -> bool:
 def _free_runs(
     recordings: Sequence[Measured], machines: Sequence[SliderCrank], workers: int | None
 ) -> list[Running | None]:
-    """Signals of each recording's machine."""
+    """Signals of each machine; machine ``i`` belongs to recording ``i`` modulo their number."""
     runs: dict[int, list[np.ndarray]] = {i: [] for i in range(len(machines))}
     for chain in dict.fromkeys(measured.chain for measured in recordings):
         own = [
             i
-            for i in range(len(machines)) if recordings[i].chain == chain
+            for i in range(len(machines)) if recordings[i % len(recordings)].chain == chain
             for _ in range(_RUNS)
         ]  # fmt: skip
         states = np.array([rest_state(machines[i]) for i in own])
@@ -116,7 +117,7 @@ def _free_runs(
         )  # fmt: skip
     found: list[Running | None] = []
     for i, each in runs.items():
-        rate = recordings[i].chain.rate
+        rate = recordings[i % len(recordings)].chain.rate
         stacked = np.array(each)
         found.append(Running(stacked, stacked[..., Signal.CRANK_ANGLE], rate) if each else None)
     return found

@@ -125,7 +125,7 @@ def agreement(
                 return reconstruct(
                     recordings[r], parameters, joints, known.speed, known.angle, samples
                 ).misfit
-        except np.linalg.LinAlgError:  # the smoother refuses a path that is not finite
+        except np.linalg.LinAlgError:  # the links do not reach
             return np.inf
 
     jobs = [(made, r) for made in machines for r in range(len(recordings))]

@@ -44,7 +44,7 @@ DIRECTIONS: tuple[tuple[str, str], ...] = (
 )
 """Body and direction of each entry from ``FORCE_CRANK_TORQUE`` and from ``TABLE_CRANK_TORQUE`` on."""
 
-_COEFFICIENTS = TABLE_KNOTS + 3  # one function before the first knot, two after the last
+_FUNCTIONS = TABLE_KNOTS + 3  # one function before the first knot, two after the last
 _WEIGHT = Parameter.TABLE_CRANK_TORQUE - Parameter.FORCE_CRANK_TORQUE  # entries from a constant to its weight
 
 
@@ -83,7 +83,7 @@ def look_up(p: Any, argument: Any) -> Any:
     place = minimum(maximum(place, 0.0), get(p, Parameter.TABLE_LAST))
     linear, cubic = get(p, Parameter.TABLE_LINEAR), get(p, Parameter.TABLE_CUBIC)
     value = zero(place)
-    for k in range(_COEFFICIENTS):
+    for k in range(_FUNCTIONS):
         away = absolute(place - (k - 1.0))
         near, far = maximum(1.0 - away, 0.0), maximum(2.0 - away, 0.0)
         spline = far * far * far - 4.0 * near * near * near
@@ -184,8 +184,9 @@ class TabulatedForce(Law):
     The knots lie at ``start``, ``start + spacing``, ...; beyond them the force stays what it is at the end.
     Over ``crank_angle`` the table repeats every turn, its spacing is 2 pi over the number of values. One
     value is a constant force. A line follows a kink or a jump between two knots without overshoot; a spline
-    (natural, or periodic over the angle) follows a harmonic of four knots a period to a hundredth, a line to
-    an eighth. Valid as a description of what was seen, between the ends of the table.
+    (natural, or periodic over the angle) that is fitted to a harmonic of four knots a period leaves a
+    hundredth of it (root mean square), a line an eighth. Valid as a description of what was seen, between
+    the ends of the table.
     Reference: de Boor 1978, A Practical Guide to Splines, ch. III, IV and IX (B-splines).
 
     Attributes:

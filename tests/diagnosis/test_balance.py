@@ -97,10 +97,21 @@ def test_two_forces_at_once():
     assert {h.name for h in best.hypotheses} == {"slider_spring", "torque_ripple"}
 
 
+def test_waves_are_told_by_a_spline():
+    search = traced(replace(NOMINAL, ripple=TorqueRipple(1.5, 6.0, 0.7)))
+    balance = _Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4)
+    before = balance.fit((), np.zeros(0)).cost
+    (table,) = (one for one in balance.tables(0.65 * before) if one.curve.body == "crank")
+    assert (table.curve.interpolation, len(table.values)) == ("cubic", 24)
+    wave = 1.5 * np.cos(6.0 * table.curve.knots + 0.7)
+    assert np.corrcoef(table.values, wave)[0, 1] > 0.98
+    assert balance.tables(0.0) == []
+
+
 def test_a_force_without_a_name_is_a_table_and_what_is_inside_a_joint_does_no_work():
     search = traced(replace(NOMINAL, spring=LinearSpring(400.0, 0.11)))
     balance = _Balance(search, SETTING, SETTING.with_clearance(search.profile.best), search.profile.best)
-    tables = [one for one in balance.tables() if one.curve.body == "slider"]
+    tables = [one for one in balance.tables(np.inf) if one.curve.body == "slider"]
     place = next(one for one in tables if one.curve.argument == "slider_position")
     inner = slice(1, -1)
     force = -400.0 * (place.curve.knots - 0.11)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from clearance.diagnose import _load, _read
+from clearance.diagnose import _files, _load
 from clearance.diagnosis.demonstration import CLEARANCE, FRICTION, SPEED, record
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.hypothesis import Setting
@@ -175,13 +175,19 @@ def test_a_recording_of_another_machine_is_said_to_be_one(tmp_path):
     assert "other.parquet" in done.stderr
 
 
-def test_a_folder_is_all_recordings_in_it(recordings, tmp_path):
-    files = sorted(recordings.glob("*.parquet"))
-    assert len(files) > 1
-    assert list(_read("recordings", str(recordings))) == list(map(str, files))
-    (tmp_path / "notes.txt").write_text("no recording")
+def test_a_folder_is_all_recordings_in_it_that_are_not_held_out(tmp_path):
+    for name in ("b.csv", "a.parquet", "._a.parquet", "notes.txt"):
+        (tmp_path / name).write_text("")
+    (tmp_path / "c.csv").mkdir()
+    a, b = tmp_path / "a.parquet", tmp_path / "b.csv"
+    assert _files("recordings", str(tmp_path)) == [a, b]
+    assert _files("recordings", str(tmp_path), [b]) == [a]
+    with pytest.raises(InputError, match=r"a\.parquet is held out as well"):
+        _files("recordings", str(a), [a])
     with pytest.raises(InputError, match=r"held_out: no recording in the folder .*parquet"):
-        _read("held_out", str(tmp_path))
+        _files("held_out", str(tmp_path / "c.csv"))
+    with pytest.raises(InputError, match="names no file"):
+        _files("held_out", "")
 
 
 def test_a_sensor_that_is_constant_in_one_recording_is_left_out_of_all(recordings):

@@ -10,6 +10,7 @@ from clearance.compilation import entry
 from clearance.errors import InputError
 from clearance.lanes import WIDTH, get, put
 from clearance.mechanism.applied_force import (
+    _FUNCTIONS,
     DIRECTIONS,
     Argument,
     TabulatedForce,
@@ -144,7 +145,8 @@ def test_each_direction_has_a_constant_and_a_weight_in_the_same_order():
         assert Parameter[f"FORCE_{name}"] == Parameter.FORCE_CRANK_TORQUE + index
         assert Parameter[f"TABLE_{name}"] == Parameter.TABLE_CRANK_TORQUE + index
     assert Parameter.FORCE_CRANK_TORQUE + len(DIRECTIONS) == Parameter.TABLE_CRANK_TORQUE
-    assert Parameter[f"TABLE_VALUE_{TABLE_KNOTS - 1}"] == Parameter.TABLE_VALUE_0 + TABLE_KNOTS - 1
+    last = Parameter[f"TABLE_VALUE_{_FUNCTIONS - 1}"]
+    assert last == Parameter.TABLE_VALUE_0 + _FUNCTIONS - 1 == max(Parameter)
     for index, (body, direction) in enumerate(DIRECTIONS):
         p = parameters(body=body, direction=direction, values=[3.0])
         weights = p[Parameter.TABLE_CRANK_TORQUE : Parameter.TABLE_ARGUMENT]
