@@ -12,11 +12,14 @@ from clearance.diagnosis.geometry import GEOMETRIC, LOOSE_GUIDE
 from clearance.diagnosis.growth import Followed, grow
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.search import EXPLAINED, POOR, Attempt, explained
+from clearance.diagnosis.significance import SURE
+from clearance.diagnosis.verdict import unsettled
 from clearance.errors import InputError
 
 _FITTED = 2  # of them that are fitted to all recordings
 _LEFT = 0.3  # of what a base that explains leaves: what is right leaves less
 _TRIALS = 3  # plausible shapes or sizes of an effect that are tried
+_SUREST = 3  # effects that a linear look is sure of
 _ELSEWHERE = (DRIVE, "second_clearance", "rod_flexibility", "flexible_base", LOOSE_GUIDE)
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
 _OUTSIDE = ("crank", "rod", "slider")  # what acts there does work
@@ -33,6 +36,23 @@ def begin_elsewhere(search: Search, explanation: Explanation, base: Attempt) -> 
     tried = (DRIVE,) if base is explanation.nominal and base.misfit > FAR else ()  # in ``begin_plausible``
     groups = [g for g in _judged_elsewhere(search.others(base)) if g[0].name not in tried]
     _try_out(search, explanation, base, groups, None)
+
+
+def begin_sure(search: Search, explanation: Explanation) -> None:
+    """Fit what a linear look is sure of on paths of its own, as large as it promises, until all is settled.
+
+    The states around each impact were fitted to the nominal contact: beside them a contact ten times softer
+    shows a slope and no way there.
+    """
+    nominal = explanation.nominal
+    sure = [hint for hint in explanation.hints if hint.gain > SURE and hint.hypotheses[0].fault is None]
+    for hint in sure[:_SUREST]:
+        if search.late() or not unsettled(explanation):
+            return
+        held, values = beside(nominal, hint.hypotheses, hint.values)
+        search.keep(
+            explanation, held, lambda h=held, v=values: search.grown(h, v), again=True  # type: ignore[misc]
+        )  # fmt: skip
 
 
 def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> None:

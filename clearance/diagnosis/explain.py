@@ -354,11 +354,18 @@ class Search:
         return self.begin(traces, model, attempt.fit.values)
 
     def keep(
-        self, explanation: Explanation, held: Sequence[Hypothesis], make: Callable[[], Attempt | None]
+        self,
+        explanation: Explanation,
+        held: Sequence[Hypothesis],
+        make: Callable[[], Attempt | None],
+        again: bool = False,
     ) -> Attempt | None:
-        """Add an attempt to those that were made, unless it fails or was made before."""
+        """Add an attempt to those that were made, unless it fails or was made before.
+
+        ``again``: though one with the same hypotheses explains.
+        """
         label = " + ".join(h.label for h in held)
-        if any(a.label == label and explained(a) for a in explanation.attempts):
+        if not again and any(a.label == label and explained(a) for a in explanation.attempts):
             return None
         try:
             found = self.finished.attempt(held, self.setting.model(held), make, self.workers)

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import cache
 
-from clearance.diagnosis.elsewhere import begin_elsewhere, begin_film, begin_plausible
+from clearance.diagnosis.elsewhere import begin_elsewhere, begin_film, begin_plausible, begin_sure
 from clearance.diagnosis.explain import FAR, NEARLY, Explanation, Search, penalised
 from clearance.diagnosis.free_search import fit_curve, name_curve, reshape, suggest_curve
 from clearance.diagnosis.from_motion import begin_balanced, begin_dimensions, begin_wear
@@ -37,8 +37,8 @@ def find_explanation(
     on the slider, or with which one recording is nearly explained; effects that no linear look can judge;
     faults that promised little; pairs of which neither shows without the other; other tables. A table is
     put to the test against names. What explains is looked beside for what is small; where nothing takes
-    away what is too much for a machine with nothing missing, effects that no linear look can judge are
-    tried. What is not needed is pruned.
+    away what is too much for a machine with nothing missing, effects that a linear look is sure of, then
+    those that it cannot judge, are tried on paths of their own. What is not needed is pruned.
 
     Args:
         search: after its nominal stage.
@@ -52,7 +52,9 @@ def find_explanation(
         enlarge(search, explanation)
     scrutinise(search, explanation, most)
     if unsettled(explanation) and not search.late():
-        begin_elsewhere(search, explanation, explanation.nominal)
+        begin_sure(search, explanation)
+        if unsettled(explanation):
+            begin_elsewhere(search, explanation, explanation.nominal)
         if explanation.best.hypotheses:
             scrutinise(search, explanation, most)
     prune(search, explanation)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.effect import load_effects
-from clearance.diagnosis.elsewhere import _try_out, begin_plausible
+from clearance.diagnosis.elsewhere import _try_out, begin_plausible, begin_sure
 from clearance.diagnosis.explain import Explanation
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.strategy import _enough, _search_all
@@ -39,6 +39,29 @@ def test_something_small_that_leaves_most_does_not_end_the_search(nominal, gain,
     attempts = [attempt(["rod_inertia"], misfit) for misfit in small]
     explanation = Explanation(attempt([], nominal), attempts, [SimpleNamespace(gain=gain)])
     assert unsettled(explanation) == expected
+
+
+def test_what_a_look_is_sure_of_is_followed_anew_until_all_is_settled(monkeypatch):
+    def hint(name, gain, fault=None):
+        return SimpleNamespace(hypotheses=(SimpleNamespace(name=name, fault=fault),), values=[0.3], gain=gain)
+
+    hints = [
+        hint("worn_bearing", 200.0), hint("sensor_gain", 190.0, "gain"), hint("contact_stiffness", 180.0),
+        hint("restitution", 170.0), hint("gravity", 20.0),
+    ]  # fmt: skip
+    explanation, tried = Explanation(attempt([], 1.18), [], hints), []
+
+    def keep(explanation, held, make, again):
+        assert again  # a fit beside the nominal path explains already, with a wrong size
+        tried.append(held[0].name)
+        if held[0].name == "contact_stiffness":
+            explanation.attempts.append(attempt(["contact_stiffness"], 1.0))
+
+    monkeypatch.setattr("clearance.diagnosis.elsewhere.beside", lambda base, held, values: (held, values))
+    begin_sure(SimpleNamespace(late=lambda: False, keep=keep), explanation)
+    assert tried == ["worn_bearing", "contact_stiffness"]
+    begin_sure(SimpleNamespace(late=lambda: True, keep=keep), Explanation(attempt([], 1.18), [], hints))
+    assert len(tried) == 2
 
 
 @pytest.mark.parametrize(
