@@ -180,7 +180,13 @@ def _files(key: str, paths: Any, held_out: Sequence[Path] = ()) -> list[Path]:
     found: list[Path] = []
     for path in map(Path, listed):
         if path.is_dir():
-            found += [file for file in _recordings_in(key, path) if file.resolve() not in apart]
+            inside = [file for file in _recordings_in(key, path) if file.resolve() not in apart]
+            if not inside:
+                raise InputError(
+                    f"{key}: every recording in {path} is held out, and none is left to fit; change {key} or "
+                    "held_out"
+                )
+            found += inside
         elif path.resolve() in apart:
             raise InputError(
                 f"{key}: {path} is held out as well, and cannot judge a fit to itself; change {key} or "

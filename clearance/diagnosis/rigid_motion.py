@@ -115,21 +115,24 @@ def _across(lifted: Lift | None, samples: int) -> np.ndarray:
 
 
 @kernel
+def _gap(number: int, moment: float, x: Any, u: Any) -> tuple[float, float]:
+    """Eccentricity in a joint of this number among the loose ones a moment later; none in an ideal one."""
+    if number < 0:
+        return 0.0, 0.0
+    first, own, half = FIRST_JOINT + 4 * number, 1 + 2 * number, 0.5 * moment * moment
+    along = x[first] + moment * x[first + 1] + half * u[own]
+    return along, x[first + 2] + moment * x[first + 3] + half * u[own + 1]
+
+
+@kernel
 def _place(
     p: Any, places: Any, moment: float, x: Any, u: Any, height: float, rate: float, acceleration: float
 ) -> tuple[float, float, float, float]:
     """Journal of the crank, angle of the rod and place of the slider a moment later."""
     half = 0.5 * moment * moment
     angle = x[CRANK_ANGLE] + moment * x[CRANK_SPEED] + half * u[0]
-    gap_bx, gap_by, gap_cx, gap_cy = 0.0, 0.0, 0.0, 0.0
-    if places[0] >= 0:
-        first, own = FIRST_JOINT + 4 * places[0], 1 + 2 * places[0]
-        gap_bx = x[first] + moment * x[first + 1] + half * u[own]
-        gap_by = x[first + 2] + moment * x[first + 3] + half * u[own + 1]
-    if places[1] >= 0:
-        first, own = FIRST_JOINT + 4 * places[1], 1 + 2 * places[1]
-        gap_cx = x[first] + moment * x[first + 1] + half * u[own]
-        gap_cy = x[first + 2] + moment * x[first + 3] + half * u[own + 1]
+    gap_bx, gap_by = _gap(places[0], moment, x, u)
+    gap_cx, gap_cy = _gap(places[1], moment, x, u)
     crank, length = p[Parameter.CRANK_LENGTH], p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]
     bx, by = crank * math.cos(angle) - gap_bx, crank * math.sin(angle) - gap_by
     above = height + moment * rate + half * acceleration

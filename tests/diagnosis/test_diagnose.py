@@ -184,6 +184,8 @@ def test_a_folder_is_all_recordings_in_it_that_are_not_held_out(tmp_path):
     assert _files("recordings", str(tmp_path), [b]) == [a]
     with pytest.raises(InputError, match=r"a\.parquet is held out as well"):
         _files("recordings", str(a), [a])
+    with pytest.raises(InputError, match="none is left to fit"):
+        _files("recordings", str(tmp_path), [a, b])
     with pytest.raises(InputError, match=r"held_out: no recording in the folder .*parquet"):
         _files("held_out", str(tmp_path / "c.csv"))
     with pytest.raises(InputError, match="names no file"):

@@ -8,8 +8,9 @@ import pytest
 
 from clearance.diagnosis.lift import Lift
 from clearance.diagnosis.measured import SAMPLES, Measured
-from clearance.diagnosis.reconstruction import reconstruct, smooth
+from clearance.diagnosis.reconstruction import reconstruct
 from clearance.diagnosis.rigid_motion import feel, slopes
+from clearance.diagnosis.smoother import smooth
 from clearance.diagnosis.trace import Alignment, agreement, profile
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import SpeedControl

@@ -36,12 +36,12 @@ def chosen_argument(p, x):
     return choose_argument(p, x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
 
 
-@given(
-    values=st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=TABLE_KNOTS),
-    start=st.floats(-5.0, 5.0),
-    spacing=st.floats(0.01, 3.0),
-    argument=st.floats(-60.0, 60.0),
-)
+VALUES = st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=TABLE_KNOTS)
+START, SPACING = st.floats(-5.0, 5.0), st.floats(0.01, 3.0)
+ARGUMENT, ANGLE = st.floats(-60.0, 60.0), st.floats(-300.0, 300.0)
+
+
+@given(values=VALUES, start=START, spacing=SPACING, argument=ARGUMENT)
 @settings(deadline=None, max_examples=200)
 def test_a_table_is_linear_between_its_knots_and_constant_beyond_them(values, start, spacing, argument):
     p = parameters(argument="slider_velocity", start=start, spacing=spacing, values=values)
@@ -50,11 +50,7 @@ def test_a_table_is_linear_between_its_knots_and_constant_beyond_them(values, st
     assert look_up(p, argument) == pytest.approx(np.interp(argument, knots, values), abs=1e-9)
 
 
-@given(
-    values=st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=TABLE_KNOTS),
-    start=st.floats(-5.0, 5.0),
-    angle=st.floats(-300.0, 300.0),
-)
+@given(values=VALUES, start=START, angle=ANGLE)
 @settings(deadline=None, max_examples=200)
 def test_a_table_over_the_crank_angle_repeats_every_turn(values, start, angle):
     p = parameters(argument="crank_angle", start=start, values=values)
@@ -64,12 +60,7 @@ def test_a_table_over_the_crank_angle_repeats_every_turn(values, start, angle):
     assert look_up(p, angle + 20.0 * np.pi) == pytest.approx(look_up(p, angle), abs=1e-9)
 
 
-@given(
-    values=st.lists(st.floats(-50.0, 50.0), min_size=2, max_size=TABLE_KNOTS),
-    start=st.floats(-5.0, 5.0),
-    spacing=st.floats(0.01, 3.0),
-    argument=st.floats(-60.0, 60.0),
-)
+@given(values=VALUES.filter(lambda values: len(values) > 1), start=START, spacing=SPACING, argument=ARGUMENT)
 @settings(deadline=None, max_examples=200)
 def test_a_spline_is_the_natural_one_and_constant_beyond_its_knots(values, start, spacing, argument):
     p = parameters(
@@ -84,11 +75,7 @@ def test_a_spline_is_the_natural_one_and_constant_beyond_its_knots(values, start
     assert (own @ values)[0] == pytest.approx(expected, abs=1e-7)
 
 
-@given(
-    values=st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=TABLE_KNOTS),
-    start=st.floats(-5.0, 5.0),
-    angle=st.floats(-300.0, 300.0),
-)
+@given(values=VALUES, start=START, angle=ANGLE)
 @settings(deadline=None, max_examples=200)
 def test_a_spline_over_the_crank_angle_is_periodic(values, start, angle):
     p = parameters(argument="crank_angle", start=start, values=values, interpolation="cubic")
