@@ -39,6 +39,7 @@ _BOTH = 0.4  # of what the better one of two leaves: they are suggested together
 _PROMISING = 0.9  # of the imbalance: what leaves less may be one of two
 _FIRST = 2  # single effects beside which a second one is looked for
 _ITERATIONS, _REWEIGHTED = 12, 4
+_COARSER = 200.0  # times an unknown's step: an edge moves here from sample to sample
 _SETTLED = 1e-3  # share by which the cost still falls
 _PRICE, _PRICE_OF_KNOT = 0.04, 0.01  # of what is left, for each size of an effect and each knot of a table
 _UNNAMED = 1.5  # times as much: a spline says nearly all that two names do
@@ -349,6 +350,8 @@ class _Balance:
         steps = []
         for i in range(len(values)):
             moved = values.copy()
-            moved[i] += model.step(np.concatenate([[0.0], values]), i + 1)
+            unknown = model.unknowns[i + 1]
+            step = _COARSER * unknown.step
+            moved[i] += step if moved[i] + step <= unknown.high else -step
             steps.append((given(moved)[0] - torque) / (moved[i] - values[i]))
         return np.concatenate(self.beyond) - torque, np.array(offsets).reshape(-1, len(torque)).T, steps

@@ -54,7 +54,6 @@ class FreeParameter:
         shape: whether it has a meaning only where another parameter is not off.
         whole: whether it counts something.
         trials: values to begin a fit at.
-        step: change for a derivative, of an edge that a simulation sees in steps; 0: a share of its size.
         phrase: its part of the effect's sentence, around ``{value}``.
     """
 
@@ -71,7 +70,6 @@ class FreeParameter:
     shape: bool = False
     whole: bool = False
     trials: tuple[float, ...] = ()
-    step: float = 0.0
     phrase: str = "{value}"
 
     def __post_init__(self) -> None:
@@ -80,7 +78,6 @@ class FreeParameter:
             (self.operation in _OPERATIONS, f"operation = {self.operation!r} is not one of {_OPERATIONS}"),
             (self.scale in _SCALES, f"scale = {self.scale!r} is not one of {_SCALES}"),
             (low < high, f"bounds = {list(self.bounds)} do not rise"),
-            (0.0 <= self.step < high - low, f"step = {self.step} is not in [0, {high - low})"),
             (self.scale == "linear" or low > 0.0, f"bounds = {list(self.bounds)} reach 0 on a log scale"),
             (
                 all(low <= value <= high for value in (self.start, *self.trials)),

@@ -180,11 +180,10 @@ def compare(
     followers: Sequence[Follower], model: Model, values: np.ndarray, workers: int = 2, **options: object
 ) -> list[Comparison]:
     """Set all recordings beside their present paths."""
-    without = {key: value for key, value in options.items() if key != "doubt"}
 
     def one(job: tuple[Follower, np.ndarray]) -> Comparison:
         follower, own = job
-        return follower.compare(model.machine(own), model.instrument(own), **without)  # type: ignore[arg-type]
+        return follower.compare(model.machine(own), model.instrument(own), **options)  # type: ignore[arg-type]
 
     return _in_parallel(one, list(zip(followers, values, strict=True)), workers)
 
@@ -301,7 +300,8 @@ def settle(
     first = int(options.get("first", 0))  # type: ignore[call-overload]
     samples = sum(c.samples for c in seen)
     damping, share = 0.0, _RATIO
-    local = [np.zeros(len(c.local)) for c in seen]
+    least = [_unsteady(len(c.local), options) for c in seen]
+    local = [held.copy() for held in least]
     for iteration in range(iterations):
         if cost < goal * samples:
             break
@@ -350,12 +350,23 @@ def settle(
         fall, cost, seen, values = cost - best[0], best[0], best[2], best[3]
         settled, share = damping == 0.0, min(4.0 * share, _RATIO)
         damping = damping / 10.0 if damping > 0.1 else 0.0
-        local = [np.where(held > 0.1, held / 10.0, 0.0) for held in local]
+        local = [
+            np.maximum(np.where(held > 0.1, held / 10.0, 0.0), floor)
+            for held, floor in zip(local, least, strict=True)
+        ]
         if report is not None:
             report(iteration, cost, values)
         if fall < tolerance * cost and settled:
             break
     return Settled(model, values, cost, seen)
+
+
+def _unsteady(segments: int, options: dict[str, object]) -> np.ndarray:
+    """(segments,) damping of the first ones, which only samples after them tell: far steps are wild."""
+    held = np.zeros(segments)
+    if float(options.get("doubt", 1.0)) >= 1.0:  # type: ignore[arg-type]
+        held[:_FIRST] = 1.0
+    return held
 
 
 def _step(
@@ -415,6 +426,7 @@ _SETTLING = ("report", "goal", "tries", "home")  # what only ``settle`` wants to
 _QUIET, _QUIET_MEAN = 0.9, 0.975  # share of segments, and what they cost where all cost 1 on average
 _MANY = 0.3  # share of segments; a step that harms more is a bad step
 _HOLD = 3.0  # damping of segments that a step harmed
+_FIRST = 6  # segments of a stretch of which nothing before is known
 _NEAR = 2  # segments around a harmed one that are held with it
 
 

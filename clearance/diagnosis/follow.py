@@ -27,6 +27,7 @@ from clearance.simulation.shooting import WORK_ROWS, coast, shoot
 
 OUTLIER = 4.0  # standard deviations beyond which a row loses weight (Huber)
 EDGE = 2  # segments at a stretch's ends whose samples feel too much of what lies outside
+_GRIP = 1e-3  # weight of continuity there at the beginning: a first bounce, hardly seen, must not hold all up
 
 _FAST = 1e4  # weight that holds a node where it is
 _TOGETHER = 31  # derivatives that are taken at a time: two full groups of lanes with the run itself
@@ -211,6 +212,7 @@ class Follower:
         last: int | None = None,
         scale: float = 1.0,
         looseness: float = 1.0,
+        doubt: float = 1.0,
         inside: bool = False,
     ) -> Comparison:
         """Set segments ``first`` to ``last`` of the present path beside the recording, without derivatives.
@@ -222,12 +224,14 @@ class Follower:
             last: one beyond the last segment; all if ``None``.
             scale: factor on the noise, above 1 while far from a solution.
             looseness: factor on the process noise.
+            doubt: factor on how far the first node may be wrong; below 1 the path before is known.
             inside: whether the path is known on both sides: the last node then stays where it is.
         """
         last = self.segments if last is None else last
         ends, contacts = self._coast(machine, first, last)
+        grip = _grip(last - first, doubt)
         return self._compared(
-            Chart.of(machine), instrument, first, last, ends, contacts, scale, looseness, inside
+            Chart.of(machine), instrument, first, last, ends, contacts, scale, looseness, grip, inside
         )
 
     def look(
@@ -255,7 +259,7 @@ class Follower:
             last: one beyond the last segment.
             scale: factor on the noise.
             looseness: factor on the process noise.
-            doubt: factor on how far the first node may be wrong.
+            doubt: as in ``compare``.
             inside: whether the path is known on both sides.
             forces: whether the unknown forces are among the unknowns.
         """
@@ -269,16 +273,18 @@ class Follower:
         shared = np.zeros((n, 3, SAMPLES, channels, parameters))
         ends, contacts = self._differentiate(machine, columns, chart, first, last, flow, jacobian, shared)
         _silence(flow, shared, nv)
-        seen = self._compared(chart, instrument, first, last, ends, contacts, scale, looseness, inside)
+        grip = _grip(n, doubt)
+        seen = self._compared(chart, instrument, first, last, ends, contacts, scale, looseness, grip, inside)
         noise = chart.noise * looseness * scale
-        flow /= noise[:, None]
+        flow *= (grip[:, None] / noise)[:, :, None]
         bases = chart.bases(self.path.nodes[first:last])
         flow[:, :, :nz] = flow[:, :, :nz] @ bases
         jacobian[..., :nz] = jacobian[..., :nz] @ bases[:, None, None]
         own = (chart.units / noise)[None, :, None] * bases
+        own[1:] *= grip[:-1, None, None]
         if any(fault is not None for fault in faults):
             # a fault changes what is predicted: undoing it on the noise as well would reward a smaller noise
-            clean = self.measured.less(first, seen.values - seen.predicted)
+            clean = self.measured.less(first, seen.values - seen.predicted, instrument)
             base, *_ = clean.restored(instrument)
             for i, fault in enumerate(faults):
                 if fault is not None:
@@ -324,6 +330,7 @@ class Follower:
         contacts: np.ndarray,
         scale: float,
         looseness: float,
+        grip: np.ndarray,
         inside: bool,
     ) -> Comparison:
         """What the motion just computed, which ends at ``ends``, leaves unexplained."""
@@ -339,6 +346,7 @@ class Follower:
         defect = np.zeros((last - first, len(chart.rows)))
         noise = chart.noise * looseness * scale
         defect[:-1] = (ends[:-1] - self.path.nodes[first + 1 : last])[:, chart.rows] / noise
+        defect *= grip[:, None]
         local = (_huber(size) * (used > 0.0)).sum(axis=(1, 2)) + _huber(np.abs(defect)).sum(axis=1)
         local += ((self.path.inputs[first:last] / self.input_sigma) ** 2).sum(axis=1)
         local[~np.isfinite(local)] = np.inf
@@ -469,6 +477,14 @@ class Follower:
         )
         inside = passed.reshape(filtered, last - first, SAMPLES).transpose(1, 2, 0)
         return np.concatenate([inside, points], axis=2)
+
+
+def _grip(segments: int, doubt: float) -> np.ndarray:
+    """(segments,) weight of each segment's continuity with the next one."""
+    grip = np.ones(segments)
+    if doubt >= 1.0:
+        grip[:EDGE] = _GRIP
+    return grip
 
 
 def _silence(flow: np.ndarray, shared: np.ndarray, known: int) -> None:

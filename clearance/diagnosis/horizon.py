@@ -45,8 +45,16 @@ def advance(follower: Follower, fixed: Model, segment: int, end: int, limit: flo
     return not lost.any() or rejoin(follower, fixed, first, last, first + EDGE + int(np.argmax(lost)), limit)
 
 
-def mend(follower: Follower, fixed: Model, first: int, last: int) -> None:
-    """Put a short stretch together anew between what is known on both sides; kept where that is better."""
+def mend(follower: Follower, fixed: Model, first: int, last: int, limit: float = np.inf) -> None:
+    """Put a short stretch together anew between what is known on both sides; kept where that is better.
+
+    Args:
+        follower: with a path; changed from ``first`` to ``last``.
+        fixed: model without unknowns.
+        first: first segment.
+        last: one beyond the last.
+        limit: cost a sample of a segment from which on the path is looked for, until that fails.
+    """
     first, last = max(first, 0), min(last, follower.segments)
     inside = last < follower.segments
     before = follower.path.copy()
@@ -64,7 +72,8 @@ def mend(follower: Follower, fixed: Model, first: int, last: int) -> None:
         return
     best, follower.path = follower.path, before.copy()
     for segment in range(first, last - 1):
-        advance(follower, fixed, segment, last)
+        if not advance(follower, fixed, segment, last, limit):
+            limit = np.inf
     if inside:
         follower.path.nodes[last - 1 :] = before.nodes[last - 1 :]
     if not joined((3.0, 1.0)) < cost:

@@ -99,8 +99,7 @@ def of_effect(effect: Effect, machine: SliderCrank, joint: str) -> list[Hypothes
             if parameter.whole:
                 low = high = start[parameter.name]
             size, log = max(size, 1e-3 * abs(start[parameter.name]), 1e-12), parameter.scale == "log"
-            step = parameter.step or _STEP * size
-            unknowns.append(Unknown(parameter.name, step, low, high, reach=_REACH * size, log=log))
+            unknowns.append(Unknown(parameter.name, _STEP * size, low, high, reach=_REACH * size, log=log))
         names = effect.parameters
 
         def apply(

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from clearance.diagnosis.restoration import BoolArray, turn_back, unclipped, undo_response
+from clearance.diagnosis.restoration import STILL, BoolArray, turn_back, unclipped, undo_response
 from clearance.errors import InputError
 from clearance.recording.channels import ACCELERATIONS, AXIS_PAIRS, require_channel
 
@@ -42,12 +42,13 @@ def misalign(signals: FloatArray, channels: Sequence[str], degrees: ArrayLike) -
     for column in map(int, np.flatnonzero(angles)):
         name = channels[column]
         other, sign = _OTHER_AXIS.get(name, ("", 0.0))
-        if other not in channels:
+        if other in channels:
+            across[:, column] = sign * signals[:, channels.index(other)]
+        elif other not in STILL:
             raise InputError(
                 f"sensor_misalignment: {name} turned by {np.degrees(angles[column]):g} deg mixes in "
                 f"{other or 'another axis, which it does not have'}; predict that channel too"
             )
-        across[:, column] = sign * signals[:, channels.index(other)]
     return np.cos(angles) * signals + np.sin(angles) * across
 
 

@@ -118,14 +118,30 @@ class Measured:
         sigma[self.channels.index(channel)] *= _DEAF
         return replace(self, sigma=sigma)
 
-    def less(self, first: int, residual: np.ndarray) -> "Measured":
-        """The same recording with (segments, samples, channels) taken away from segment ``first`` on."""
-        values, recorded = self.values.copy(), self.recorded.copy()
-        values[first : first + len(residual)] -= residual
+    def less(self, first: int, residual: np.ndarray, instrument: Instrument) -> "Measured":
+        """The same recording with a part of what faultless instruments would have recorded taken away.
+
+        Args:
+            first: segment where the part begins.
+            residual: (segments, samples, channels), of ``restored``'s values.
+            instrument: through which it was seen.
+        """
+        whole = np.zeros_like(self.recorded)
         begin = (self.first + first) * SAMPLES
         flat = residual.reshape(-1, residual.shape[2])
-        recorded[begin : begin + len(flat)] -= flat
+        whole[begin : begin + len(flat)] = flat / self._pace(instrument)
+        seen = replace(instrument, bias={}, saturation={}, timebase=0.0)
+        recorded = self.recorded - seen.apply(whole, self.channels, self.chain.rate)
+        values = self.values.copy()
+        values[first : first + len(residual)] -= residual
         return replace(self, values=values, recorded=recorded)
+
+    def _pace(self, instrument: Instrument) -> np.ndarray:
+        """(channels,) by which a wrong clock divides: rates and accelerations are counted in its seconds."""
+        pace: np.ndarray = (1.0 + instrument.timebase) ** np.array(
+            [_PACE.get(Signal(s), 2.0) for s in self.signals]
+        )
+        return pace
 
     def restored(self, instrument: Instrument) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What faultless instruments would have recorded.
@@ -140,8 +156,7 @@ class Measured:
         free = replace(instrument, bias={}, saturation={})
         quiet, _ = free.correct(_NOISE[:, : len(self.channels)], self.channels, self.chain.rate)
         sigma = self.sigma * quiet.std(axis=0)
-        # a slow clock makes seconds short: rates and accelerations are counted in its own
-        pace = (1.0 + instrument.timebase) ** np.array([_PACE.get(Signal(s), 2.0) for s in self.signals])
+        pace = self._pace(instrument)
         part = slice(self.first * SAMPLES, self.first * SAMPLES + self.values[..., 0].size)
         shape = self.values.shape
         return (whole * pace)[part].reshape(shape), sigma * pace, known[part].reshape(shape)

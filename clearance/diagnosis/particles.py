@@ -21,6 +21,7 @@ _CORRECTED = 8  # of them, nearest first; roughly, then the best one of them to 
 _ROUGH = 3.0  # factor on the noise, to correct them at first
 _ITERATIONS, _GOAL = 4, 1.05
 _KNOWN = 2  # segments before the lost one whose samples tell the state, beyond those at the edge
+_DOUBT = 0.1  # factor on that of a first node: the path before it is followed
 _NOTHING = np.zeros((1, 0))
 
 
@@ -43,18 +44,18 @@ def rejoin(follower: Follower, fixed: Model, first: int, last: int, lost: int, l
     begin, best = follower.path.copy(), follower.path.copy()
     place = max(lost - 1, first + EDGE)  # where the draws are taken
     known = follower.look(
-        machine, (), instrument, first=first, last=min(place + _KNOWN, last), doubt=0.1,
+        machine, (), instrument, first=first, last=min(place + _KNOWN, last), doubt=_DOUBT,
         forces=follower.forced,
     ).solve(judged=False)  # fmt: skip
 
     def judge() -> tuple[float, float]:
-        seen = follower.compare(machine, instrument, first, last)
+        seen = follower.compare(machine, instrument, first, last, doubt=_DOUBT)
         return seen.cost, float(seen.each[EDGE:-EDGE].max())
 
     def correct(scale: float) -> Settled:
         return settle(
             [follower], fixed, _NOTHING, _ITERATIONS, 5e-2, 1, tries=2, goal=_GOAL if scale == 1.0 else 0.0,
-            first=first, last=last, scale=scale, doubt=0.1,
+            first=first, last=last, scale=scale, doubt=_DOUBT,
         )  # fmt: skip
 
     least, worst = judge()

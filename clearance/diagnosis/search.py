@@ -22,6 +22,9 @@ _LOOKS = 3  # at most, to put torn impacts together
 APART, _SOME = 3.0, 0.01  # cost a sample of a segment that is not followed; share of these that may be
 NEAR = 5  # segments that are fitted with a torn one
 _TORN, _MANY = 2.0, 0.3  # cost a sample; share of segments
+_CHANCE = 4.0  # standard deviations of a segment's cost: more is torn beside a model that explains
+_LOST = 2.0  # cost a sample of a segment that is then looked for
+_GAINED = 1.0  # by which the cost falls where it was worth it
 _NOTHING = np.zeros((1, 0))
 
 
@@ -106,7 +109,7 @@ def refine(
         values = found.values
         best = Attempt(tuple(hypotheses), model, found, s, level, own)
     assert best is not None
-    return best if best.scale > 1.0 else polish(_converged(best, workers), workers)
+    return best if best.scale > 1.0 else _polished(best, workers)
 
 
 def integrator_at(scale: float) -> Integrator:
@@ -114,23 +117,54 @@ def integrator_at(scale: float) -> Integrator:
     return FINE if scale <= 1.0 else COARSE
 
 
-def _converged(attempt: Attempt, workers: int) -> Attempt:
-    """Where an attempt follows its values are those of the minimum, not of a valley's slope."""
+def _polished(attempt: Attempt, workers: int) -> Attempt:
+    """Where an attempt follows, its values are those of the minimum, not of a valley's slope.
+
+    One impact that is put together wrongly holds all parameters: no step of theirs sets its path right, and
+    every step tears it further apart. Beside a model that explains, it stands out.
+    """
     if explained(attempt):
-        found = fit(attempt.followers, attempt.model, attempt.fit.values, 12, 1e-4, workers)
-        attempt.fit, attempt.level = found, found.level
+        _settle_down(attempt, workers)
+    for _ in range(_LOOKS):
+        before, torn = attempt.fit.cost, _TORN
+        if explained(attempt):
+            rows = attempt.fit.passes[0].residual[0].size
+            torn = attempt.level * (1.0 + _CHANCE * np.sqrt(2.0 / rows))
+        if not mend_torn(attempt.followers, attempt.model, attempt.fit, torn, _LOST):
+            break
+        _settle_down(attempt, workers)
+        if attempt.fit.cost > before - _GAINED:
+            break
     return attempt
 
 
-def mend_torn(followers: Sequence[Follower], model: Model, found: Fit) -> bool:
-    """Fit each stretch that is not followed on its own, if these are few; return whether there was one."""
+def _settle_down(attempt: Attempt, workers: int) -> None:
+    found = fit(attempt.followers, attempt.model, attempt.fit.values, 12, 1e-5, workers)
+    attempt.fit, attempt.level = found, found.level
+
+
+def mend_torn(
+    followers: Sequence[Follower], model: Model, found: Fit, torn: float = _TORN, lost: float = np.inf
+) -> bool:
+    """Fit each stretch that is not followed on its own, if these are few.
+
+    Args:
+        followers: with the paths of the fit; changed.
+        model: that was fitted.
+        found: the fit.
+        torn: cost a sample of a segment that is not followed.
+        lost: cost a sample of a segment from which on the path is looked for.
+
+    Returns:
+        Whether there was one.
+    """
     some = False
     for r, (follower, one) in enumerate(zip(followers, found.passes, strict=True)):
-        torn = one.local > _TORN * one.residual[0].size
-        if 0.0 < torn.mean() < _MANY:
+        apart = one.local > torn * one.residual[0].size
+        if 0.0 < apart.mean() < _MANY:
             some = True
-            for first, last in islands(torn, NEAR):
-                mend(follower, model.held(found.values[r]), first, last)
+            for first, last in islands(apart, NEAR):
+                mend(follower, model.held(found.values[r]), first, last, lost)
     return some
 
 
@@ -174,19 +208,6 @@ def loosen(
             break
     assert best is not None
     return best
-
-
-def polish(attempt: Attempt, workers: int = 1) -> Attempt:
-    """Mend the stretches that a good model does not follow yet, and fit once more."""
-    for _ in range(_LOOKS):
-        if whole(attempt) or not mend_torn(attempt.followers, attempt.model, attempt.fit):
-            break
-        before = attempt.fit.cost
-        found = fit(attempt.followers, attempt.model, attempt.fit.values, 8, 3e-3, workers)
-        attempt.fit, attempt.level = found, found.level
-        if found.cost > 0.98 * before:
-            break
-    return attempt
 
 
 def explained(attempt: Attempt) -> bool:

@@ -9,7 +9,7 @@ import pytest
 
 from clearance.compilation import entry
 from clearance.diagnosis.chart import Chart
-from clearance.diagnosis.fit import Model, fit, solve_bounded
+from clearance.diagnosis.fit import Model, assemble, fit, solve_bounded
 from clearance.diagnosis.follow import EDGE, INPUTS, Follower
 from clearance.diagnosis.horizon import advance, islands
 from clearance.diagnosis.hypothesis import Setting
@@ -241,6 +241,26 @@ def test_the_column_of_a_gain_is_the_predicted_signal_and_not_its_noise():
     np.testing.assert_allclose(rows, expected, atol=1e-3 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize(
+    ("fault", "value", "step"),
+    [("resonance", 1500.0, 1.0), ("delay", 6e-5, 1e-7), ("gain", 1.3, 1e-4), ("misalignment", 6.0, 1e-3)],
+)
+def test_columns_about_a_fault_hold_nothing_of_the_noise(fault, value, step):
+    def column(noise):
+        one = follower(noise=noise)
+        channel = one.measured.channels[2]
+        about = NO_FAULT.changed(fault, value, channel)
+        seen = about.apply(one.measured.recorded, one.measured.channels, CHAIN.rate)
+        one.measured = replace(one.measured, recorded=seen, sigma=np.ones_like(one.measured.sigma))
+        found = one.look(MACHINE, [None], about, [about.changed(fault, value + step, channel)])
+        weight = one.measured.restored(about)[1] / np.where(found.used > 0.0, found.used, 1.0)
+        rows = found.system[7].reshape(found.residual.shape) * weight
+        return rows[INSIDE][..., 2]
+
+    quiet, loud = column(1e-6), column(0.1)
+    assert (loud - quiet).std() < 0.3 * quiet.std()  # the highest frequency alone is not delayed and back
+
+
 def test_a_part_of_a_follower_is_its_own():
     one = follower()
     small = one.part(10, 40)
@@ -325,3 +345,18 @@ def test_a_path_that_was_lost_at_an_impact_is_found_again():
         found += said
     assert lost >= 5
     assert found >= 0.8 * lost
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_hardly_seen_at_the_beginning_does_not_hold_the_parameters(seed):
+    clearance, random = 9e-5, np.random.default_rng(seed)
+    machine = SliderCrank(joint_c=Joint(clearance), drive=SpeedControl(RPM, ramp=0.05))
+    one, chart = follower(seed, machine), Chart.of(machine)
+    for place in range(3):
+        node = one.path.nodes[place : place + 1]
+        node[:] = chart.moved(node, 0.3 * random.normal(size=(1, len(chart.rows))) * chart.doubt(node[0]))
+    model = Setting(machine, "C").model()
+    found = fit([one], model, np.array([[1.01 * clearance, RPM]]), 20, 1e-5, 1)
+    information, score = assemble(found.passes, model, found.values)
+    step = np.linalg.solve(information, score) / found.deviations()
+    assert (np.abs(step) < 0.3).all()
