@@ -7,9 +7,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from clearance.diagnosis.follow import Comparison, Follower, Pass, Path
+from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT
+from clearance.diagnosis.stretch import Comparison, Pass, Path
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 

@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clearance.diagnosis.fit import Unknown
-from clearance.diagnosis.follow import EDGE, INPUTS, Comparison, Pass
+from clearance.diagnosis.follow import EDGE
 from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.diagnosis.stretch import INPUTS, Comparison, Pass
 from clearance.mechanism.applied_force import TabulatedForce, shares
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.layout import Signal

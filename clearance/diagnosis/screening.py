@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clearance.diagnosis.follow import Pass
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.missing_force import (
@@ -25,6 +24,7 @@ from clearance.diagnosis.missing_force import (
     patterns,
 )
 from clearance.diagnosis.search import Attempt
+from clearance.diagnosis.stretch import Pass
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 

@@ -10,10 +10,11 @@ import pytest
 from clearance.compilation import entry
 from clearance.diagnosis.chart import Chart
 from clearance.diagnosis.fit import Model, assemble, fit, solve_bounded
-from clearance.diagnosis.follow import EDGE, INPUTS, Follower
+from clearance.diagnosis.follow import EDGE, Follower
 from clearance.diagnosis.horizon import advance, islands
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.measured import NO_FAULT, SAMPLES, Measured
+from clearance.diagnosis.stretch import INPUTS
 from clearance.errors import InputError
 from clearance.lanes import WIDTH
 from clearance.mechanism.drive import SpeedControl
