@@ -22,9 +22,11 @@ _LOOKS = 3  # at most, to put torn impacts together
 APART, _SOME = 3.0, 0.01  # cost a sample of a segment that is not followed; share of these that may be
 NEAR = 5  # segments that are fitted with a torn one
 _TORN, _MANY = 2.0, 0.3  # cost a sample; share of segments
+_FEW = 0.1  # of them: where more are torn their paths are not looked for
 _CHANCE = 4.0  # standard deviations of a segment's cost: more is torn beside a model that explains
 _LOST = 2.0  # cost a sample of a segment that is then looked for
-_GAINED = 1.0  # by which the cost falls where it was worth it
+_WORTH = 5e-3  # share by which the cost falls where another look is worth the time
+_LARGE = 12  # unknowns from which on their last digits are not worth the time
 _NOTHING = np.zeros((1, 0))
 
 
@@ -126,20 +128,27 @@ def _polished(attempt: Attempt, workers: int) -> Attempt:
     if explained(attempt):
         _settle_down(attempt, workers)
     for _ in range(_LOOKS):
-        before, torn = attempt.fit.cost, _TORN
+        torn, lost = _TORN, np.inf
         if explained(attempt):
             rows = attempt.fit.passes[0].residual[0].size
-            torn = attempt.level * (1.0 + _CHANCE * np.sqrt(2.0 / rows))
-        if not mend_torn(attempt.followers, attempt.model, attempt.fit, torn, _LOST):
+            torn, lost = attempt.level * (1.0 + _CHANCE * np.sqrt(2.0 / rows)), _LOST
+        before, paths = attempt.fit, [follower.path.copy() for follower in attempt.followers]
+        if not mend_torn(attempt.followers, attempt.model, before, torn, lost):
             break
         _settle_down(attempt, workers)
-        if attempt.fit.cost > before - _GAINED:
+        gained = before.cost - attempt.fit.cost
+        if gained < 0.0:
+            attempt.fit, attempt.level = before, before.level
+            for follower, path in zip(attempt.followers, paths, strict=True):
+                follower.path = path
+        if gained < _WORTH * before.cost:
             break
     return attempt
 
 
 def _settle_down(attempt: Attempt, workers: int) -> None:
-    found = fit(attempt.followers, attempt.model, attempt.fit.values, 12, 1e-5, workers)
+    tolerance = 1e-5 if explained(attempt) and attempt.model.shared < _LARGE else 1e-4
+    found = fit(attempt.followers, attempt.model, attempt.fit.values, 12, tolerance, workers)
     attempt.fit, attempt.level = found, found.level
 
 
@@ -162,9 +171,9 @@ def mend_torn(
     for r, (follower, one) in enumerate(zip(followers, found.passes, strict=True)):
         apart = one.local > torn * one.residual[0].size
         if 0.0 < apart.mean() < _MANY:
-            some = True
+            some, sought = True, lost if apart.mean() < _FEW else np.inf
             for first, last in islands(apart, NEAR):
-                mend(follower, model.held(found.values[r]), first, last, lost)
+                mend(follower, model.held(found.values[r]), first, last, sought)
     return some
 
 
