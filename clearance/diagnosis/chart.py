@@ -23,6 +23,7 @@ _PLACE, _RATE = (1e-8, 2e-9), (1e-4, 1e-4)  # m, m/s
 _TILT, _TILT_RATE = (1e-6, 1e-7), (1e-2, 1e-2)
 _INTEGRAL = (1e-5, 1e-7)  # rad
 _MEMORY = (1e-3, 1e-3)  # m/s
+_FLYING = 3000.0  # units by which the rates of a slider that hangs between its rails may be wrong
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,14 @@ class Chart:
         noise: (nz,) standard deviation of what a segment's end may miss the next node by.
         journals: for each loose joint the places, among the unknowns, of its two eccentricities; their rates
             follow each.
+        rails: height [m] and tilt [rad] at which a slider that is loose in its guide touches; 0: it is not.
     """
 
     rows: np.ndarray
     units: np.ndarray
     noise: np.ndarray
     journals: tuple[tuple[int, int], ...]
+    rails: tuple[float, float] = (0.0, 0.0)
 
     @property
     def reach(self) -> np.ndarray:
@@ -72,7 +75,10 @@ class Chart:
                 journals.append((len(table), len(table) + 2))
                 for row in pair:
                     add(row, _PLACE, _RATE, p[Parameter.JOINT_CLEARANCE + block])
+        rails = (0.0, 0.0)
         if codes[Family.GUIDE]:
+            gap = float(p[Parameter.GUIDE_GAP])
+            rails = (gap, gap / float(p[Parameter.SHOE_HALF_LENGTH]))
             add(State.SLIDER_Y, _PLACE, _RATE)
             add(State.SLIDER_ANGLE, _TILT, _TILT_RATE)
         if codes[Family.FRAME]:
@@ -86,7 +92,7 @@ class Chart:
             if codes[family]:
                 table.append((row, *_MEMORY))
         columns = np.array(table, dtype=float).T
-        return Chart(columns[0].astype(np.int64), columns[1], columns[2], tuple(journals))
+        return Chart(columns[0].astype(np.int64), columns[1], columns[2], tuple(journals), rails)
 
     def bases(self, nodes: np.ndarray) -> np.ndarray:
         """(nodes, nz, nz) change of the rows, in units, by each unknown."""
@@ -125,6 +131,25 @@ class Chart:
         moved[:, memories] = np.maximum(moved[:, memories], 0.0)
         return moved
 
+    def carried(self, nodes: np.ndarray, before: "Chart") -> np.ndarray:
+        """Nodes of a machine with other rails, as near to these rails as they were to its own."""
+        carried = nodes.copy()
+        carried[..., [State.SLIDER_Y, State.SLIDER_ANGLE]] += before.between_rails(nodes) * (
+            np.array(self.rails) - before.rails
+        )
+        return carried
+
+    def between_rails(self, nodes: np.ndarray) -> np.ndarray:
+        """(..., 2) height and tilt of nodes (..., STATES), each over that at which it touches; 0 without."""
+        if not self.rails[0]:
+            return np.zeros((*nodes.shape[:-1], 2))
+        return nodes[..., [State.SLIDER_Y, State.SLIDER_ANGLE]] / self.rails
+
+    def pressed(self, nodes: np.ndarray) -> np.ndarray:
+        """(...) how far a slider is on its way from the middle to its rails; above 1 it presses."""
+        pressed: np.ndarray = np.abs(self.between_rails(nodes)).sum(axis=-1)
+        return pressed
+
     def doubt(self, node: np.ndarray) -> np.ndarray:
         """(nz,) by how many units a guessed node may be wrong."""
         doubt = np.full(len(self.rows), 1000.0)
@@ -132,6 +157,10 @@ class Chart:
             doubt[place] = {
                 State.CRANK_ANGLE: 1e4,
                 State.DRIVE_INTEGRAL: 1500.0,
+                State.SLIDER_Y: self.rails[0] / _PLACE[0],
+                State.SLIDER_ANGLE: self.rails[1] / _TILT[0],
+                State.SLIDER_Y_RATE: _FLYING,
+                State.SLIDER_SPEED: _FLYING,
                 State.MEMORY_B: 100.0,
                 State.MEMORY_C: 100.0,
             }.get(State(int(row)), 1000.0)

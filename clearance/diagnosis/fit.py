@@ -322,7 +322,9 @@ def settle(
             moved = values + change
             trial = _step(followers, model, values, moved, passes, first, workers, options)
             new = sum(c.cost for c in trial) + away.cost(moved) if trial is not None else np.inf
-            if trial is not None and model.unknowns and not new < cost:
+            last = np.inf
+            while trial is not None and model.unknowns and cost <= new < _FALLING * last:
+                last = new
                 trial = _corrected(followers, model, moved, damping, local, first, workers, options)
                 new = sum(c.cost for c in trial) + away.cost(moved)
             if trial is not None and new < min(cost * (1.0 + 1e-9), best[0] if best else np.inf):
@@ -426,6 +428,7 @@ def _harmed(before: Comparison, after: Comparison) -> np.ndarray:
 _SETTLING = ("report", "goal", "tries", "home")  # what only ``settle`` wants to know
 _QUIET, _QUIET_MEAN = 0.9, 0.975  # share of segments, and what they cost where all cost 1 on average
 _MANY = 0.3  # share of segments; a step that harms more is a bad step
+_FALLING = 0.7  # of its cost that a correction of a step leaves at most, to be worth another one
 _HOLD = 3.0  # damping of segments that a step harmed
 _FIRST = 6  # segments of a stretch of which nothing before is known
 _NEAR = 2  # segments around a harmed one that are held with it

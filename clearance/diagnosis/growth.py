@@ -19,16 +19,16 @@ from clearance.diagnosis.horizon import AHEAD, advance
 from clearance.diagnosis.search import ANNEALING, FOLLOWED, tightened
 from clearance.diagnosis.trace import Trace
 
-_ISLAND = 6  # segments that must all be followed well where the path is sure
+ISLAND = 6  # segments that must all be followed well where the path is sure
 _EDGES = EDGE + 1  # segments at the ends that cannot be judged
 _CANDIDATES, _PROBED = 4, 14  # islands that are tried, and steps from each
 _LOST = 5.0  # doubt from which on steps without unknown forces have not come to follow
-_BEFORE, _AFTER = 2, 3  # segments around them that are followed first
+BEFORE, _AFTER = 2, 3  # segments around them that are followed first
 _FIRST_FIT = 8  # steps before the parameters are fitted; then whenever their number has doubled
 _SETTLING = 48  # steps from which on each recording's own unknowns are fitted as well
 _JUDGED = 32  # steps before a model may be given up
 _HOPES, _PATIENT = 4, 12  # times that a lost path is looked for in vain between two fits
-_TORN = 3.0  # cost a sample of a segment that is not followed
+TORN = 3.0  # cost a sample of a segment that is not followed
 _NOTHING = np.zeros((1, 0))
 Followed = tuple[Follower, np.ndarray, float]
 """One recording's follower, the (unknowns,) values and the misfit."""
@@ -107,8 +107,8 @@ def grow(
         values: (unknowns,) to begin with.
         limit: misfit above which the model is given up on the way.
         most: segments, at most; as many as the trace wants if ``None``.
-        patient: whether the path is looked for however badly it is followed so far, and the clearance is
-            fitted before what else the model has; it may be given up at the first fit.
+        patient: whether the path is looked for however badly it is followed so far; it may be given up at
+            the first fit.
 
     Returns:
         The follower of what was followed, the (unknowns,) values found and the misfit; ``None`` where the
@@ -118,22 +118,21 @@ def grow(
         InputError: a law does not take the values.
     """
     held = model.held(values)
-    follower = _landed(start.follower, held, start.island)
-    first = start.island - _BEFORE
+    follower = landed(start.follower, held, start.island)
+    first = start.island - BEFORE
     end = min(first + (most or start.trace.length), follower.segments)
     rows = values[None].copy()
     found, steps, due = None, 0, _FIRST_FIT
     hopes = _PATIENT if patient else _HOPES if start.doubt < FOLLOWED else 0
-    segment = start.island + _ISLAND + _AFTER - AHEAD
+    segment = start.island + ISLAND + _AFTER - AHEAD
     while segment < end:
-        hopes -= not advance(follower, held, segment, end, _TORN if hopes else np.inf)
+        hopes -= not advance(follower, held, segment, end, TORN if hopes else np.inf, first)
         segment += 1
         steps += 1
         if steps < due and (segment < end or found is not None):
             continue
         due = 2 * steps
         kept = [i for i, unknown in enumerate(model.unknowns) if steps >= _SETTLING or not unknown.own]
-        kept = kept[:1] if patient and steps < 2 * _FIRST_FIT else kept
         part = model.only(kept, rows[0])
         found, scale = _fitted(
             follower, part, rows[:, kept], values[None, kept], first, min(segment + 1, end)
@@ -154,25 +153,25 @@ def _smoothed(trace: Trace, model: Model, looseness: float) -> tuple[Follower, l
     for scale in (ANNEALING[0], ANNEALING[2]):
         found = settle([follower], model, _NOTHING, 8, 5e-2, 1, tries=2, scale=scale)
     each = found.passes[0].each
-    last = max(_EDGES + 1, min(trace.margin, len(each) - _ISLAND - _PROBED - _EDGES))
+    last = max(_EDGES + 1, min(trace.margin, len(each) - ISLAND - _PROBED - _EDGES))
     worst = np.full(last, np.inf)
     for i in range(_EDGES, last):
-        worst[i] = each[i : i + _ISLAND].max()
+        worst[i] = each[i : i + ISLAND].max()
     islands: list[int] = []
     while np.isfinite(worst.min()):
         island = int(np.argmin(worst))
         islands.append(island)
-        worst[max(island - _ISLAND, 0) : island + _ISLAND] = np.inf
+        worst[max(island - ISLAND, 0) : island + ISLAND] = np.inf
     return follower, islands
 
 
-def _landed(follower: Follower, model: Model, island: int) -> Follower:
-    """A follower without unknown forces that is right on an island."""
+def landed(follower: Follower, model: Model, island: int) -> Follower:
+    """A follower without unknown forces that is right on an island, where that is possible."""
     own = tightened([follower])[0]
     for scale in (ANNEALING[2], ANNEALING[3], ANNEALING[4]):
         settle(
-            [own], model, _NOTHING, 6, 3e-2, 1, tries=3, first=island - _BEFORE,
-            last=island + _ISLAND + _AFTER, scale=scale,
+            [own], model, _NOTHING, 6, 3e-2, 1, tries=3, first=island - BEFORE,
+            last=island + ISLAND + _AFTER, scale=scale,
         )  # fmt: skip
     return own
 
@@ -182,14 +181,16 @@ def _locked(trace: Trace, follower: Follower, model: Model, island: int, patienc
 
     It does so within some steps even from a wrong one, or is looked for.
     """
-    own = _landed(follower, model, island)
-    first = island + _ISLAND + _AFTER - AHEAD
+    own = landed(follower, model, island)
+    first = island + ISLAND + _AFTER - AHEAD
     for segment in range(first, min(first + _PROBED, own.segments - AHEAD)):
-        patience -= not advance(own, model, segment, own.segments, _TORN if patience > 0 else np.inf)
+        patience -= not advance(
+            own, model, segment, own.segments, TORN if patience > 0 else np.inf, island - BEFORE
+        )  # fmt: skip
     last = min(first + _PROBED + AHEAD, own.segments)
-    found = settle([own], model, _NOTHING, 0, first=island - _BEFORE, last=last)
+    found = settle([own], model, _NOTHING, 0, first=island - BEFORE, last=last)
     each = found.passes[0].each[: -AHEAD - 1]
-    worst = [each[i : i + _ISLAND].max() for i in range(_BEFORE, len(each) - _ISLAND + 1)]
+    worst = [each[i : i + ISLAND].max() for i in range(BEFORE, len(each) - ISLAND + 1)]
     own.input_sigma = follower.input_sigma
     return Start(trace, own, island + int(np.argmin(worst)), float(min(worst))), patience
 

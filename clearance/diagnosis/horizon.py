@@ -9,18 +9,21 @@ import numpy as np
 
 from clearance.diagnosis.fit import Model, settle
 from clearance.diagnosis.follow import EDGE, Follower
-from clearance.diagnosis.particles import rejoin
+from clearance.diagnosis.particles import FRESH, Lost, rejoin
 
 AHEAD = 2  # segments that are predicted beyond a new one
 _HORIZON = 12  # segments that are corrected with a new one
 _CORRECTIONS = 3  # iterations of that
 _ENOUGH = 1.05  # cost a sample at which a step is good
 _GOAL = 1.2  # cost a sample of a stretch that is followed
+_DOUBT = 0.1  # factor on the doubt of a first node: the path before it is followed
 _KNOWN = 1e-3  # factor on the doubt of a node that stays where it is
 _NOTHING = np.zeros((1, 0))
 
 
-def advance(follower: Follower, fixed: Model, segment: int, end: int, limit: float = np.inf) -> bool:
+def advance(
+    follower: Follower, fixed: Model, segment: int, end: int, limit: float = np.inf, begin: int = 0
+) -> bool:
     """Run on from a segment that is known, and correct it and those before it by what it should show.
 
     Args:
@@ -29,20 +32,41 @@ def advance(follower: Follower, fixed: Model, segment: int, end: int, limit: flo
         segment: that is known, up to what the next samples correct.
         end: segment that is not touched.
         limit: cost a sample of a segment from which on the path is looked for.
+        begin: first segment that is followed: what lies before is not looked for.
 
     Returns:
         Whether all segments that can be judged cost less.
     """
+    lost = _step(follower, fixed, segment, end, limit, max(segment - _HORIZON, 0), begin, _DOUBT)
+    return lost is None or rejoin(lost, fixed, limit)
+
+
+def step(follower: Follower, fixed: Model, segment: int, end: int, limit: float, begin: int) -> Lost | None:
+    """As ``advance``, where nothing is known before ``begin``; says what is lost and does not look for it."""
+    first = max(segment - _HORIZON, begin)
+    return _step(follower, fixed, segment, end, limit, first, begin, FRESH if first == begin else _DOUBT)
+
+
+def _step(
+    follower: Follower,
+    fixed: Model,
+    segment: int,
+    end: int,
+    limit: float,
+    first: int,
+    begin: int,
+    doubt: float,
+) -> Lost | None:
     machine = fixed.machine(_NOTHING[0])
     last = min(segment + 1 + AHEAD, end)
     for place in range(segment, min(last, follower.segments - 1)):
         follower.path.nodes[place + 1] = follower.arrival(machine, place)
-    first = max(segment - _HORIZON, 0)
     found = settle(
-        [follower], fixed, _NOTHING, _CORRECTIONS, 1e-1, 1, goal=_ENOUGH, first=first, last=last, doubt=0.1
+        [follower], fixed, _NOTHING, _CORRECTIONS, 1e-1, 1, goal=_ENOUGH, first=first, last=last, doubt=doubt
     )
-    lost = found.passes[0].each[EDGE:-EDGE] > limit
-    return not lost.any() or rejoin(follower, fixed, first, last, first + EDGE + int(np.argmax(lost)), limit)
+    own = max(first, begin)
+    lost = found.passes[0].each[own - first :][EDGE:-EDGE] > limit
+    return Lost(follower, own, last, own + EDGE + int(np.argmax(lost)), own == begin) if lost.any() else None
 
 
 def mend(follower: Follower, fixed: Model, first: int, last: int, limit: float = np.inf) -> None:

@@ -2,93 +2,257 @@
 
 A journal or a shoe that strikes a little earlier, or with its other end, goes on elsewhere, where no small
 correction leads back. What the samples before leave open is known, though: the linearised smoother gives the
-states' distribution in square-root form, from which states are drawn. Each is run on by the simulator; those
-that come nearest to the recording are corrected as usual.
+states' distribution in square-root form, from which states are drawn, parameters of the machine with them
+where these are not known yet. Each is run on by the simulator; those that come nearest to the recording are
+corrected as usual.
 
 References: draws from a square-root information matrix: Rue & Held 2005, Gaussian Markov Random Fields, sec.
 2.3. Weighing simulated draws by what is measured next: Gordon, Salmond & Smith 1993, IEE Proc. F 140(2).
 """
 
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
 import numpy as np
 
 from clearance.diagnosis.chart import Chart
-from clearance.diagnosis.fit import Model, Settled, settle
+from clearance.diagnosis.fit import Model, settle
 from clearance.diagnosis.follow import EDGE, Follower
+from clearance.diagnosis.instrument import Instrument
+from clearance.diagnosis.stretch import Path
+from clearance.errors import InputError
+from clearance.mechanism.slider_crank import SliderCrank
 
-_DRAWN = 64  # states
-_SPREADS = (1.0, 4.0)  # factors on what is known of them, in turn
-_CORRECTED = 8  # of them, nearest first; roughly, then the best one of them to the end
-_ROUGH = 3.0  # factor on the noise, to correct them at first
-_ITERATIONS, _GOAL = 4, 1.05
+FRESH = 0.99
+"""Factor on the doubt of a first node before which nothing is known, but whose samples count."""
+
+_SPREADS = (1.0, 4.0)  # factors on what is known of the states, in turn
+_ROUGH = 3.0  # factor on the noise, to correct a draw at first
+_GOAL = 1.05  # cost a sample at which it is right
 _KNOWN = 2  # segments before the lost one whose samples tell the state, beyond those at the edge
 _DOUBT = 0.1  # factor on that of a first node: the path before it is followed
-_NOTHING = np.zeros((1, 0))
+_ROUNDS = (1.0, 1.0, 0.5, 0.3)  # the same where parameters are drawn, each round about the best
+_WITHIN = 3.0  # standard deviations of a parameter that a draw may be from where it is expected
+_SHARES = (1.0, 0.3, 0.1, 0.0)  # of them, that one draw after the other takes: more is known at each strike
+_NEAR = 12.0  # cost a sample of a rough correction that is worth another one
+_APART = 0.01  # of a slider's play, by which ways on differ
+_PRESSED = 0.02  # of it, by which a draw may press deeper into a rail than the path
+_TRIES = 4  # times as many draws as wanted, of which those beyond the rails do not count
+_NOTHING = np.zeros(0)
 
 
-def rejoin(follower: Follower, fixed: Model, first: int, last: int, lost: int, limit: float) -> bool:
+@dataclass(frozen=True)
+class _Effort:
+    """How many draws are made and corrected.
+
+    Attributes:
+        machines: draws of the parameters.
+        states: draws of the states for each.
+        corrected: of all, nearest first.
+    """
+
+    machines: int
+    states: int
+    corrected: int
+
+
+_FOLLOWED, _DOUBTED, _UNSEEN = _Effort(1, 64, 8), _Effort(8, 16, 8), _Effort(4, 64, 16)
+"""Where the machine is known; where its parameters are drawn; where nothing is known before a stretch."""
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A stretch that is followed up to a segment.
+
+    Attributes:
+        follower: with its path; changed from ``first`` to ``last`` by what tries to find the way.
+        first: first segment that is looked at.
+        last: one beyond the last.
+        place: first segment that is not followed.
+        fresh: whether nothing is known of the path before ``first``.
+    """
+
+    follower: Follower
+    first: int
+    last: int
+    place: int
+    fresh: bool = False
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """For ``Follower.look``."""
+        return {"first": self.first, "last": self.last, "doubt": FRESH if self.fresh else _DOUBT}
+
+    def judged(self, model: Model, values: np.ndarray) -> "Found":
+        """The present path."""
+        seen = self.follower.compare(model.machine(values), model.instrument(values), **self.options)
+        worst = float(seen.each[EDGE:-EDGE].max())
+        return Found(self.follower.path.copy(), values, seen.cost, seen.cost / max(seen.samples, 1), worst)
+
+    def corrected(
+        self, model: Model, begin: "Found", scale: float, home: np.ndarray | None, **how: Any
+    ) -> "Found":
+        """A path and its parameters after a few steps; infinitely bad where a law does not take them."""
+        self.follower.path = begin.path.copy()
+        how = {"iterations": 4, "tolerance": 5e-2, "tries": 2} | how
+        goal = _GOAL if scale == 1.0 else 0.0
+        try:
+            found = settle(
+                [self.follower], model, begin.values[None], workers=1, goal=goal, scale=scale,
+                home=None if home is None else home[None], **self.options, **how,
+            )  # fmt: skip
+            return self.judged(model, found.values[0])
+        except InputError:
+            return replace(begin, cost=np.inf, level=np.inf, worst=np.inf)
+
+
+@dataclass(frozen=True)
+class Found:
+    """A way on from where a path was lost.
+
+    Attributes:
+        path: with it.
+        values: (unknowns,).
+        cost: of the stretch.
+        level: cost a sample.
+        worst: that of the segment that is followed worst.
+    """
+
+    path: Path
+    values: np.ndarray
+    cost: float
+    level: float
+    worst: float
+
+
+def rejoin(lost: Lost, fixed: Model, limit: float) -> bool:
     """Put a path together anew from a segment on that is lost; kept where it comes nearer.
 
     Args:
-        follower: with a path; changed from ``first`` to ``last``.
+        lost: the stretch.
         fixed: model without unknowns.
-        first: first segment that is looked at.
-        last: one beyond the last.
-        lost: first segment that is not followed.
         limit: cost a sample up to which a segment is followed.
 
     Returns:
         Whether all is followed now.
     """
-    machine, instrument = fixed.machine(_NOTHING[0]), fixed.instrument(_NOTHING[0])
-    chart, random = Chart.of(machine), np.random.default_rng([lost, last])
-    begin, best = follower.path.copy(), follower.path.copy()
-    place = max(lost - 1, first + EDGE)  # where the draws are taken
-    known = follower.look(
-        machine, (), instrument, first=first, last=min(place + _KNOWN, last), doubt=_DOUBT,
-        forces=follower.forced,
-    ).solve(judged=False)  # fmt: skip
-
-    def judge() -> tuple[float, float]:
-        seen = follower.compare(machine, instrument, first, last, doubt=_DOUBT)
-        return seen.cost, float(seen.each[EDGE:-EDGE].max())
-
-    def correct(scale: float) -> Settled:
-        return settle(
-            [follower], fixed, _NOTHING, _ITERATIONS, 5e-2, 1, tries=2, goal=_GOAL if scale == 1.0 else 0.0,
-            first=first, last=last, scale=scale, doubt=_DOUBT,
-        )  # fmt: skip
-
-    least, worst = judge()
-    part = slice(first, place + 1)
+    lost = replace(lost, fresh=False)
+    random = np.random.default_rng([lost.place, lost.last])
+    begin = best = lost.judged(fixed, _NOTHING)
     for spread in _SPREADS:
-        drawn = []
-        for _ in range(_DRAWN):
-            change = known.draw(random)[: place + 1 - first, : len(chart.rows)]
-            nodes = begin.nodes.copy()
-            nodes[part] = chart.moved(nodes[part], spread * change)
-            drawn.append(nodes)
-        states = np.array([nodes[place] for nodes in drawn])
-        for k in range(place, min(last, follower.segments - 1)):
-            states = follower.arrivals(machine, k, states)
-            for nodes, state in zip(drawn, states, strict=True):
-                nodes[k + 1] = state
-        follower.path.inputs[:] = begin.inputs
-        costs = []
-        for nodes in drawn:
-            follower.path.nodes[:] = nodes
-            costs.append(judge()[0])
-        roughly = []
-        for i in np.argsort(costs)[:_CORRECTED]:
-            follower.path.nodes[:], follower.path.inputs[:] = drawn[i], begin.inputs
-            found = correct(_ROUGH)
-            roughly.append((found.cost, follower.path.copy()))
-        follower.path = min(roughly, key=lambda one: one[0])[1]
-        correct(1.0)
-        cost, high = judge()
-        if cost < least:
-            least, worst, best = cost, high, follower.path.copy()
-        if worst < limit:
-            follower.path = best
-            return True
-    follower.path = best
-    return False
+        for rough in _drawn(lost, begin, fixed, None, _NOTHING, spread, _FOLLOWED, random)[:1]:
+            best = min(best, lost.corrected(fixed, rough, 1.0, None), key=lambda one: one.cost)
+        if best.worst < limit:
+            break
+    lost.follower.path = best.path
+    return best.worst < limit
+
+
+def ways_on(
+    lost: Lost, model: Model, values: np.ndarray, home: np.ndarray, deviations: np.ndarray, limit: float
+) -> Iterator[Found | None]:
+    """Ways on from where a path is lost and the machine may be wrong; ``None`` after each round of draws.
+
+    Args:
+        lost: the stretch, with its path at the first call.
+        model: with the parameters that are drawn as unknowns.
+        values: (unknowns,) with which the path was followed.
+        home: (unknowns,) where they are expected.
+        deviations: (unknowns,) standard deviations of that.
+        limit: cost a sample up to which a segment is followed.
+    """
+    bounded = replace(
+        model,
+        unknowns=tuple(
+            replace(unknown, low=float(at - _WITHIN * deviation), high=float(at + _WITHIN * deviation))
+            for unknown, at, deviation in zip(model.unknowns, home, deviations, strict=True)
+        ),
+    )
+    effort = _UNSEEN if lost.fresh else _DOUBTED
+    random = np.random.default_rng([lost.place, lost.last])
+    best = lost.judged(bounded, values)
+    gone: list[np.ndarray] = []
+    for spread in _ROUNDS:
+        for rough in _drawn(lost, best, bounded, home, deviations, spread, effort, random):
+            if rough.level > _NEAR:
+                break
+            found = lost.corrected(bounded, rough, 1.0, home, iterations=12, tolerance=1e-3, tries=4)
+            chart = Chart.of(bounded.machine(found.values))
+            place = chart.between_rails(found.path.nodes[lost.last - EDGE])
+            if found.worst < limit and all(np.abs(place - other).max() > _APART for other in gone):
+                gone.append(place)
+                yield found
+            best = min(best, found, key=lambda one: one.cost)
+        yield None
+
+
+def _drawn(
+    lost: Lost,
+    begin: Found,
+    model: Model,
+    home: np.ndarray | None,
+    deviations: np.ndarray,
+    spread: float,
+    effort: _Effort,
+    random: np.random.Generator,
+) -> list[Found]:
+    """Draws of what is known before a path is lost, roughly corrected, the nearest one first."""
+    follower, first = lost.follower, lost.first
+    place = max(lost.place - 1, first + EDGE)  # where the draws are taken
+    follower.path = begin.path.copy()
+    machine, instrument = model.machine(begin.values), model.instrument(begin.values)
+    chart, known = Chart.of(machine), begin.path.nodes[first : place + 1]
+    smoothed = follower.look(
+        machine, (), instrument, forces=follower.forced,
+        **lost.options | {"last": min(place + _KNOWN, lost.last)},
+    ).solve(judged=False)  # fmt: skip
+    low = np.array([u.low for u in model.unknowns])
+    high = np.array([u.high for u in model.unknowns])
+    most = np.maximum(chart.pressed(known), 1.0) + _PRESSED
+    drawn: list[tuple[float, Path, np.ndarray]] = []
+    for i in range(effort.machines):
+        away = spread * _SHARES[i % len(_SHARES)] * deviations * random.standard_normal(len(deviations))
+        row = np.clip(begin.values + away, low, high)
+        try:
+            other, faults = model.machine(row), model.instrument(row)
+        except InputError:
+            continue
+        rails = Chart.of(other)
+        moved: list[np.ndarray] = []
+        for _ in range(_TRIES * effort.states):
+            change = smoothed.draw(random)[: len(known), : len(chart.rows)]
+            nodes = rails.carried(chart.moved(known, spread * change), chart)
+            if (rails.pressed(nodes) < most).all():
+                moved.append(nodes)
+            if len(moved) == effort.states:
+                break
+        if moved:
+            follower.path = begin.path.copy()
+            drawn += [(cost, path, row) for cost, path in _run_on(lost, other, faults, np.array(moved))]
+    nearest = sorted(drawn, key=lambda one: one[0])[: effort.corrected]
+    roughly = [
+        lost.corrected(model, Found(path, row, cost, np.inf, np.inf), _ROUGH, home)
+        for cost, path, row in nearest
+    ]
+    return sorted(roughly, key=lambda one: one.cost)
+
+
+def _run_on(
+    lost: Lost, machine: SliderCrank, instrument: Instrument, moved: np.ndarray
+) -> list[tuple[float, Path]]:
+    """Run a machine on from where (draws, nodes, STATES) end: cost and path of each."""
+    follower, first = lost.follower, lost.first
+    place = first + moved.shape[1] - 1
+    states, after = moved[:, -1], []
+    for k in range(place, min(lost.last, follower.segments - 1)):
+        states = follower.arrivals(machine, k, states)
+        after.append(states)
+    found = []
+    for i, nodes in enumerate(moved):
+        follower.path.nodes[first : place + 1] = nodes
+        for k, arrived in enumerate(after):
+            follower.path.nodes[place + 1 + k] = arrived[i]
+        cost = follower.compare(machine, instrument, **lost.options).cost
+        found.append((cost, follower.path.copy()))
+    return found

@@ -153,3 +153,20 @@ def test_a_guess_in_contact_is_surer_across_the_surface_than_one_apart():
     assert (touching > 0.0).all()
     assert (chart.reach > 0.0).all()
     assert (chart.units > chart.noise).sum() >= len(chart.units) - 8  # rates excepted
+
+
+def test_a_slider_lies_as_near_to_other_rails_as_to_its_own():
+    narrow, wide = (Chart.of(replace(BOTH, guide=LooseGuide(gap=gap))) for gap in (1e-4, 1.2e-4))
+    guide = LooseGuide()
+    nodes = np.zeros((3, STATES))
+    nodes[:, State.SLIDER_Y] = 0.0, 1e-4, 5e-5
+    nodes[:, State.SLIDER_ANGLE] = 0.0, 0.0, -0.5e-4 / guide.shoe_half_length
+    np.testing.assert_allclose(narrow.pressed(nodes), [0.0, 1.0, 1.0])  # in the middle; flat; with one end
+    carried = wide.carried(nodes, narrow)
+    np.testing.assert_allclose(wide.pressed(carried), [0.0, 1.0, 1.0])
+    np.testing.assert_allclose(carried[1:, State.SLIDER_Y], [1.2e-4, 6e-5])
+    others = [row for row in range(STATES) if row not in (State.SLIDER_Y, State.SLIDER_ANGLE)]
+    np.testing.assert_array_equal(carried[:, others], nodes[:, others])
+    ideal = Chart.of(BOTH)
+    np.testing.assert_array_equal(ideal.carried(nodes, ideal), nodes)
+    np.testing.assert_array_equal(ideal.pressed(nodes), 0.0)

@@ -9,22 +9,24 @@ import pytest
 
 from clearance.compilation import entry
 from clearance.diagnosis.chart import Chart
-from clearance.diagnosis.fit import Model, assemble, fit, solve_bounded
+from clearance.diagnosis.fit import Model, Unknown, assemble, fit, solve_bounded
 from clearance.diagnosis.follow import EDGE, Follower
-from clearance.diagnosis.horizon import advance, islands
+from clearance.diagnosis.growth import BEFORE, ISLAND, landed
+from clearance.diagnosis.horizon import advance, islands, step
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.measured import NO_FAULT, SAMPLES, Measured
+from clearance.diagnosis.particles import ways_on
 from clearance.diagnosis.stretch import INPUTS
 from clearance.errors import InputError
 from clearance.lanes import WIDTH
 from clearance.mechanism.drive import SpeedControl
-from clearance.mechanism.guide import StribeckGuide
+from clearance.mechanism.guide import LooseGuide, StribeckGuide
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.recording import Recording
 from clearance.simulation.integrator import Integrator
-from clearance.simulation.layout import STATES, Signal
+from clearance.simulation.layout import STATES, Signal, State
 from clearance.simulation.shooting import fold
 from clearance.simulation.trajectory import simulate_trajectory
 
@@ -361,3 +363,26 @@ def test_what_is_hardly_seen_at_the_beginning_does_not_hold_the_parameters(seed)
     information, score = assemble(found.passes, model, found.values)
     step = np.linalg.solve(information, score) / found.deviations()
     assert (np.abs(step) < 0.3).all()
+
+
+def test_a_strike_of_a_shoe_whose_gap_is_wrong_is_found_by_drawing_gap_and_height():
+    clearance, gap, island = 3.4e-4, 3.3e-4, 8
+    guide = LooseGuide(gap=gap)
+    machine = SliderCrank(joint_c=Joint(clearance), guide=guide, drive=SpeedControl(RPM, ramp=0.05))
+    one = follower(machine=machine, sensors=(*SENSORS, Signal.SLIDER_VERTICAL))
+    one.path.nodes[island + 12 :] = 0.0  # what comes is not known
+    own = Setting(machine, "C").model().only([0], np.array([clearance, RPM]))
+    unknowns = (*own.unknowns, Unknown("gap", 1e-9))
+    model = Model(
+        unknowns, lambda row: replace(own.machine(row[:1]), guide=replace(guide, gap=float(row[1])))
+    )
+    home = np.array([1.001 * clearance, 1.01 * gap])
+    one, lost, segment = landed(one, model.held(home), island), None, island + ISLAND
+    while lost is None:
+        lost = step(one, model.held(home), segment, SEGMENTS, LOST, island - BEFORE)
+        segment += 1
+    assert lost.place < island + 12
+    found = next(filter(None, ways_on(lost, model, home, home, np.array([0.01, 0.05]) * home, 1.5)))
+    truth = run(machine)[1][lost.place + 1]
+    assert found.worst < 1.5
+    assert found.path.nodes[lost.place + 1, State.SLIDER_Y] == pytest.approx(truth[State.SLIDER_Y], abs=1e-5)
