@@ -28,8 +28,9 @@ from clearance.errors import InputError
 _GAPS = (1.0, 0.95, 1.05, 0.9, 1.1)  # times that which the motion shows
 _MOTION, _KNOWN = (0.01, 0.05), (0.001, 0.003)
 """Standard deviations of clearance and gap, as shares of them: from the motion, from another recording."""
+_GAP = 1  # its place among the unknowns
 _ISLANDS = 8  # of a recording that are tried
-_LIKELY = 5.0  # doubt up to which an island may be right
+_LIKELY = 10.0  # doubt up to which an island may be right
 _AGREES = 1.5  # cost a sample of a segment that is followed
 _BEGUN = 40  # segments that are followed until clearance and gap are known
 _FITTED = 8  # of them between two fits
@@ -98,12 +99,17 @@ def fit_rattling(
 
 def _known(trace: Trace, model: Model, row: np.ndarray) -> Followed | None:
     """Follow a recording with a machine that is known, from whichever island that succeeds."""
-    starts = Start.several(trace, model.held(row), LOOSENESS, _ISLANDS)
-    for start in starts:
-        found = _followed(start, model, row, _KNOWN)
-        if found is not None:
-            return found
-    for start in starts:
+    every = []
+    for factor in _GAPS if model.shared > _GAP else _GAPS[:1]:  # rails elsewhere show other islands
+        other = row.copy()
+        other[_GAP : model.shared] *= factor
+        starts = Start.several(trace, model.held(other), LOOSENESS, _ISLANDS)
+        for start in starts:
+            found = _followed(start, model, row, _KNOWN)
+            if found is not None:
+                return found
+        every += starts
+    for start in sorted(every, key=lambda start: start.doubt)[: 2 * _ISLANDS]:
         found = _grown(start, model, row)
         if found is not None:
             return found

@@ -50,7 +50,7 @@ def test_likely_islands_of_all_recordings_are_tried_by_their_doubt(monkeypatch):
 def test_every_recording_must_be_followed_from_one_of_its_islands(monkeypatch, false):
     other = ("other", np.array([3.2e-4, 2.2e-5, 800.0]), 1.1)
     rows = np.array([[3e-4, 2e-5, one.speed] for one in TRACES])
-    first = {(700.0, 0): HELD, (700.0, 1): LOST}  # from a doubtful island, after the likely one
+    first = {(700.0, 0): HELD, (700.0, 1): LOST}  # from the more doubtful island
     islands(monkeypatch, first | {(800.0, 0): false, (800.0, 1): other})
     followers, found = rattling.fit_rattling(TRACES, MODEL, rows, 1)
     assert followers == ["follower", "other"]
