@@ -107,8 +107,8 @@ def grow(
         values: (unknowns,) to begin with.
         limit: misfit above which the model is given up on the way.
         most: segments, at most; as many as the trace wants if ``None``.
-        patient: whether the path is looked for however badly it is followed so far, and the clearance is
-            fitted before what else the model has; it may be given up at the first fit.
+        patient: whether the path is looked for however badly it is followed so far; it may be given up at
+            the first fit.
 
     Returns:
         The follower of what was followed, the (unknowns,) values found and the misfit; ``None`` where the
@@ -133,7 +133,6 @@ def grow(
             continue
         due = 2 * steps
         kept = [i for i, unknown in enumerate(model.unknowns) if steps >= _SETTLING or not unknown.own]
-        kept = kept[:1] if patient and steps < 2 * _FIRST_FIT else kept
         part = model.only(kept, rows[0])
         found, scale = _fitted(
             follower, part, rows[:, kept], values[None, kept], first, min(segment + 1, end)
