@@ -9,14 +9,13 @@ import numpy as np
 
 from clearance.diagnosis.fit import Model, settle
 from clearance.diagnosis.follow import EDGE, Follower
-from clearance.diagnosis.particles import FRESH, Lost, rejoin
+from clearance.diagnosis.particles import DOUBT, FRESH, Lost, rejoin
 
 AHEAD = 2  # segments that are predicted beyond a new one
 _HORIZON = 12  # segments that are corrected with a new one
 _CORRECTIONS = 3  # iterations of that
 _ENOUGH = 1.05  # cost a sample at which a step is good
 _GOAL = 1.2  # cost a sample of a stretch that is followed
-_DOUBT = 0.1  # factor on the doubt of a first node: the path before it is followed
 _KNOWN = 1e-3  # factor on the doubt of a node that stays where it is
 _NOTHING = np.zeros((1, 0))
 
@@ -37,14 +36,14 @@ def advance(
     Returns:
         Whether all segments that can be judged cost less.
     """
-    lost = _step(follower, fixed, segment, end, limit, max(segment - _HORIZON, 0), begin, _DOUBT)
+    lost = _step(follower, fixed, segment, end, limit, max(segment - _HORIZON, 0), begin, DOUBT)
     return lost is None or rejoin(lost, fixed, limit)
 
 
 def step(follower: Follower, fixed: Model, segment: int, end: int, limit: float, begin: int) -> Lost | None:
     """As ``advance``, where nothing is known before ``begin``; says what is lost and does not look for it."""
     first = max(segment - _HORIZON, begin)
-    return _step(follower, fixed, segment, end, limit, first, begin, FRESH if first == begin else _DOUBT)
+    return _step(follower, fixed, segment, end, limit, first, begin, FRESH if first == begin else DOUBT)
 
 
 def _step(

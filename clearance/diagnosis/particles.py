@@ -24,14 +24,13 @@ from clearance.diagnosis.stretch import Path
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
-FRESH = 0.99
-"""Factor on the doubt of a first node before which nothing is known, but whose samples count."""
+FRESH, DOUBT = 0.99, 0.1
+"""Factors on the doubt of a first node: nothing is known before it, but its samples count; it is followed."""
 
 _SPREADS = (1.0, 4.0)  # factors on what is known of the states, in turn
 _ROUGH = 3.0  # factor on the noise, to correct a draw at first
 _GOAL = 1.05  # cost a sample at which it is right
 _KNOWN = 2  # segments before the lost one whose samples tell the state, beyond those at the edge
-_DOUBT = 0.1  # factor on that of a first node: the path before it is followed
 _ROUNDS = (1.0, 1.0, 0.5, 0.3)  # the same where parameters are drawn, each round about the best
 _WITHIN = 3.0  # standard deviations of a parameter that a draw may be from where it is expected
 _SHARES = (1.0, 0.3, 0.1, 0.0)  # of them, that one draw after the other takes: more is known at each strike
@@ -82,7 +81,7 @@ class Lost:
     @property
     def options(self) -> dict[str, Any]:
         """For ``Follower.look``."""
-        return {"first": self.first, "last": self.last, "doubt": FRESH if self.fresh else _DOUBT}
+        return {"first": self.first, "last": self.last, "doubt": FRESH if self.fresh else DOUBT}
 
     def judged(self, model: Model, values: np.ndarray) -> "Found":
         """The present path."""

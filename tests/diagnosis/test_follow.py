@@ -365,7 +365,8 @@ def test_what_is_hardly_seen_at_the_beginning_does_not_hold_the_parameters(seed)
     assert (np.abs(step) < 0.3).all()
 
 
-def test_a_strike_of_a_shoe_whose_gap_is_wrong_is_found_by_drawing_gap_and_height():
+@pytest.mark.parametrize("known", [False, True])
+def test_a_strike_of_a_shoe_is_found_by_drawing_its_height_and_the_gap_where_that_is_wrong(known):
     clearance, gap, island = 3.4e-4, 3.3e-4, 8
     guide = LooseGuide(gap=gap)
     machine = SliderCrank(joint_c=Joint(clearance), guide=guide, drive=SpeedControl(RPM, ramp=0.05))
@@ -376,13 +377,16 @@ def test_a_strike_of_a_shoe_whose_gap_is_wrong_is_found_by_drawing_gap_and_heigh
     model = Model(
         unknowns, lambda row: replace(own.machine(row[:1]), guide=replace(guide, gap=float(row[1])))
     )
-    home = np.array([1.001 * clearance, 1.01 * gap])
+    home = np.array([clearance, gap]) * (1.0 if known else (1.001, 1.01))
     one, lost, segment = landed(one, model.held(home), island), None, island + ISLAND
     while lost is None:
         lost = step(one, model.held(home), segment, SEGMENTS, LOST, island - BEFORE)
         segment += 1
     assert lost.place < island + 12
-    found = next(filter(None, ways_on(lost, model, home, home, np.array([0.01, 0.05]) * home, 1.5)))
+    deviations = np.array([0.01, 0.05]) * home
+    if known:
+        model, home, deviations = model.held(home), np.zeros(0), np.zeros(0)
+    found = next(filter(None, ways_on(lost, model, home, home, deviations, 1.5)))
     truth = run(machine)[1][lost.place + 1]
     assert found.worst < 1.5
     assert found.path.nodes[lost.place + 1, State.SLIDER_Y] == pytest.approx(truth[State.SLIDER_Y], abs=1e-5)
