@@ -14,6 +14,7 @@ Reference: Lanczos 1970, The Variational Principles of Mechanics, ch. IV.
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from math import pi
 
@@ -23,26 +24,34 @@ from scipy.optimize import minimize_scalar
 from clearance.diagnosis.explain import Search
 from clearance.diagnosis.geometry import GEOMETRIC
 from clearance.diagnosis.hypothesis import SMALLEST_CLEARANCE, Hypothesis, Setting
-from clearance.diagnosis.missing_force import Curve, curve_over, free_form, refined
+from clearance.diagnosis.measured import Measured
+from clearance.diagnosis.missing_force import KNOTS, Curve, curve_over, free_form, refined
 from clearance.diagnosis.reconstruction import reconstruct
-from clearance.diagnosis.trace import CLEARANCES, COMPARED, agreement, loose
+from clearance.diagnosis.regression import cost_of, regressed
+from clearance.diagnosis.rhythm import Needed, Rhythm, find_rhythm
+from clearance.diagnosis.trace import CLEARANCES, COMPARED, Alignment, agreement, loose
 from clearance.diagnosis.turning import Turning, answer, binned
 from clearance.errors import InputError
+from clearance.mechanism.applied_force import NoForce
 from clearance.mechanism.drive import Drive, Free, Smooth, SpeedControl
+from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 
-_ROBUST = 2.0  # times the scatter beyond which a bin loses weight
 _BALANCED = 3.0  # mean square in units of the scatter up to which nothing is missing here
 _TAKEN = 0.12  # of it: what an effect takes away at least for each of its sizes (wrong ones 0.06 for one)
 _FREE = 0.65  # likewise of a force of free form
 _BOTH = 0.4  # of what the better one of two leaves: they are suggested together
 _PROMISING = 0.9  # of the imbalance: what leaves less may be one of two
 _FIRST = 2  # single effects beside which a second one is looked for
-_ITERATIONS, _REWEIGHTED = 12, 4
+_ITERATIONS = 12
 _COARSER = 200.0  # times an unknown's step: an edge moves here from sample to sample
 _SETTLED = 1e-3  # share by which the cost still falls
 _PRICE, _PRICE_OF_KNOT = 0.04, 0.01  # of what is left, for each size of an effect and each knot of a table
 _UNNAMED = 1.5  # times as much: a spline says nearly all that two names do
+_SAYS = {
+    "crank_angle": 2,
+    "time": 3,
+}  # the angle can say all of the place; one recording's time, of the angle
 _SHOWN = 3
 _WITHIN, _CLOSER = 0.7, 10  # of the clearance's logarithm; clearances that are compared there
 DRIVE = "soft_drive"
@@ -51,7 +60,9 @@ _TABLES = {
     ("slider", "x"): ("slider_position", "slider_velocity", "crank_angle"),
     ("crank", "torque"): ("crank_angle",),
 }
-"""Where forces of free form are looked for, as functions of what; time is another one in every recording."""
+"""Where forces of free form are looked for, as functions of what; over time in ``rhythms``."""
+_CLOCKS = 120  # places in a period where another recording may begin
+_RHYTHM = 0.3  # of the imbalance: where nothing else leaves less, a rhythm of its own is looked for
 
 
 @dataclass(frozen=True)
@@ -64,6 +75,7 @@ class Balanced:
         cost: robust mean square of what is left, in units of its scatter.
         clearance: of the joint beside them [m].
         curve: what a force of free form, which has no name, is a function of.
+        rhythm: of one that repeats by a clock of its own.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -71,6 +83,7 @@ class Balanced:
     cost: float
     clearance: float
     curve: Curve | None = None
+    rhythm: Rhythm | None = None
 
     @property
     def sizes(self) -> int:
@@ -137,6 +150,8 @@ def suggest_forces(search: Search, setting: Setting, clearance: float) -> Sugges
                 pairs.append(pair)
     found = [one for one in [*singles, *pairs] if one.cost < (1.0 - _TAKEN * one.sizes) * before]
     found += balance.tables(_FREE * before)
+    if min((one.cost for one in found), default=before) > _RHYTHM * before:
+        found += balance.rhythms(_FREE * before)
     found.sort(key=_priced)
     for one in found[:_SHOWN]:
         shown = ", ".join(f"{value:.3g}" for value in one.values)
@@ -147,11 +162,11 @@ def suggest_forces(search: Search, setting: Setting, clearance: float) -> Sugges
 
 
 def _priced(one: Balanced) -> float:
-    """What is left, and a share of it for each size; names first; the angle can say all of the place."""
+    """What is left, and a share of it for each size; names first; some arguments can say all of another."""
     price = 1.0 + _PRICE * one.sizes
     if one.curve is not None:
         price = 1.0 + _PRICE_OF_KNOT * len(one.values)
-        price *= _UNNAMED**2 if one.curve.argument == "crank_angle" else _UNNAMED
+        price *= _UNNAMED ** _SAYS.get(one.curve.argument, 1.0)
     return one.cost * price
 
 
@@ -187,7 +202,47 @@ def settle_in(search: Search, setting: Setting, one: Balanced) -> Balanced:
     again = [balance.fit(one.hypotheses, one.values)]
     if one.hypotheses[0].name == _EDGED and len(one.hypotheses) == 1:  # its edges may have been met wrongly
         again += [other for other in [balance.best(one.hypotheses)] if other is not None]
-    return replace(min(again, key=lambda other: other.cost), curve=one.curve)
+    return replace(min(again, key=lambda other: other.cost), curve=one.curve, rhythm=one.rhythm)
+
+
+def find_clock(measured: Measured, known: Alignment, machine: SliderCrank) -> float:
+    """What the clock of a machine's table over time shows where a recording begins [s].
+
+    Args:
+        measured: whole recording.
+        known: its alignment.
+        machine: with the table.
+
+    Raises:
+        LinAlgError: a linkage that does not turn.
+    """
+    path = reconstruct(measured, machine.parameters(), loose(machine), known.speed, known.angle)
+    turning = Turning.along(path, machine, measured)
+    beyond, time = _beyond(machine, turning), binned(turning.time)
+    offsets = np.column_stack([np.ones(len(time)), time])
+
+    def left(clock: float) -> np.ndarray:
+        inertia, acceleration = answer(machine, replace(turning, begin=turning.begin + clock))
+        lacking = beyond - binned(inertia * (acceleration - turning.acceleration))
+        bare: np.ndarray = lacking - offsets @ regressed(offsets, lacking, scatter)
+        return bare
+
+    scatter = _scatter([beyond])
+    period = float(machine.parameters()[Parameter.TABLE_PERIOD])
+    clocks = np.arange(_CLOCKS) / _CLOCKS * period
+    return float(min(clocks, key=lambda clock: cost_of(left(clock), scatter)))
+
+
+def _beyond(machine: SliderCrank, turning: Turning) -> np.ndarray:
+    """(bins,) torque that the play of the journals needs beyond the ideal motion of bare links [N m]."""
+    inertia, acceleration = answer(replace(machine, drive=Free(), ripple=Smooth(), force=NoForce()), turning)
+    return binned(turning.torque - inertia * (turning.acceleration - acceleration))
+
+
+def _scatter(parts: Sequence[np.ndarray]) -> float:
+    """Of a bin of torques, from how much they bend [N m]."""
+    bends = np.concatenate([np.diff(part, 2) for part in parts])
+    return float(1.4826 * np.median(np.abs(bends)) / np.sqrt(6.0))
 
 
 class _Balance:
@@ -198,17 +253,12 @@ class _Balance:
         self.turnings: list[Turning] = []
         for measured, known in zip(search.recordings, search.alignments, strict=True):
             path = reconstruct(measured, machine.parameters(), loose(machine), known.speed, known.angle)
-            self.turnings.append(Turning.along(path, machine, measured.chain.rate))
-        bare = replace(machine, drive=Free(), ripple=Smooth())
-        self.beyond = []  # what the play of the journals needs beyond the ideal motion [N m]
-        for turning in self.turnings:
-            inertia, acceleration = answer(bare, turning)
-            self.beyond.append(binned(turning.torque - inertia * (turning.acceleration - acceleration)))
+            self.turnings.append(Turning.along(path, machine, measured))
+        self.beyond = [_beyond(machine, turning) for turning in self.turnings]
         left, offsets, _ = self._left((), np.zeros(0))
         left = left - offsets @ np.linalg.lstsq(offsets, left, rcond=None)[0]
         ends = np.cumsum([len(part) for part in self.beyond])[:-1]
-        bends = np.concatenate([np.diff(part, 2) for part in np.split(left, ends)])
-        self.scatter = float(1.4826 * np.median(np.abs(bends)) / np.sqrt(6.0))
+        self.scatter = _scatter(np.split(left, ends))
 
     def best(self, trials: Sequence[Hypothesis]) -> Balanced | None:
         """The best of several shapes of an effect."""
@@ -241,14 +291,47 @@ class _Balance:
         found = []
         for (body, direction), names in _TABLES.items():
             for argument in names:
-                coarse = curve_over(arguments[argument], body, direction, argument)
-                one = self._table(coarse)
-                if one is not None:
-                    coarse = replace(coarse, forces=one.values)
-                    finer = [self._table(refined(coarse, between)) for between in ("linear", "cubic")]
-                    each = [table for table in (one, *finer) if table is not None and table.cost < most]
-                    found += sorted(each, key=_priced)[:1]
+                found += self._cheapest(curve_over(arguments[argument], body, direction, argument), most)
         return found
+
+    def rhythms(self, most: float) -> "list[Balanced]":
+        """Likewise of forces over time that repeat by a clock of their own."""
+        left, offsets, _ = self._left((), np.zeros(0))
+        ends = np.cumsum([len(part) for part in self.beyond])[:-1]
+        parts = list(zip(np.split(left, ends), np.split(offsets, ends), self.turnings, strict=True))
+        found = []
+        for body, direction in _TABLES:
+            needed = [
+                Needed(
+                    turning.begin + binned(turning.time),
+                    binned(turning.slide) if body == "slider" else np.ones(len(torque)),
+                    torque, own[:, np.abs(own).sum(axis=0) > 0.0],
+                )
+                for torque, own, turning in parts
+            ]  # fmt: skip
+            rhythm = find_rhythm(needed, self.scatter)
+            clocked = copy(self)
+            clocked.turnings = [
+                replace(turning, begin=turning.begin + clock)
+                for turning, clock in zip(self.turnings, rhythm.clocks, strict=True)
+            ]
+            knots = rhythm.period * np.arange(KNOTS) / KNOTS
+            curve = Curve(
+                body, direction, "time", knots, np.ones(KNOTS), np.zeros(KNOTS), 0.0, 0.0,
+                period=rhythm.period,
+            )  # fmt: skip
+            found += [replace(one, rhythm=rhythm) for one in clocked._cheapest(curve, most)]
+        return found
+
+    def _cheapest(self, coarse: Curve, most: float) -> "list[Balanced]":
+        """The cheapest table over an argument, coarse or fine, if it costs less than ``most``."""
+        one = self._table(coarse)
+        if one is None:
+            return []
+        coarse = replace(coarse, forces=one.values)
+        finer = [self._table(refined(coarse, between)) for between in ("linear", "cubic")]
+        each = [table for table in (one, *finer) if table is not None and table.cost < most]
+        return sorted(each, key=_priced)[:1]
 
     def _table(self, curve: Curve) -> Balanced | None:
         """A force of free form from the forces of a curve on."""
@@ -285,13 +368,12 @@ class _Balance:
             left, offsets, steps = self._left(hypotheses, trial)
             columns = np.column_stack([*(steps[i] for i in free), offsets])
             # what the drive is asked for is found anew at once
-            size = np.abs(left - offsets @ self._regressed(offsets, left)) / self.scatter
-            now = float((_ROBUST**2 * np.log1p((size / _ROBUST) ** 2)).mean())
+            now = cost_of(left - offsets @ regressed(offsets, left, self.scatter), self.scatter)
             if now < cost:
                 settled = cost - now < _SETTLED * now
                 best, cost = trial, now
                 change = np.zeros(len(best))
-                change[free] = self._regressed(columns, left)[: len(free)]
+                change[free] = regressed(columns, left, self.scatter)[: len(free)]
                 if settled or not free:
                     break
                 share = 1.0
@@ -299,19 +381,6 @@ class _Balance:
                 share *= 0.3
             trial = np.clip(best + share * change, low, high)
         return Balanced(hypotheses, best, cost, self.clearance)
-
-    def _regressed(self, columns: np.ndarray, left: np.ndarray) -> np.ndarray:
-        """Robust linear fit: far bins weigh less (Huber), then nearly nothing (Cauchy).
-
-        Bins around an impact that was understood wrongly are many, and say nothing.
-        """
-        found: np.ndarray = np.zeros(columns.shape[1])
-        weight: np.ndarray = np.ones(len(left))
-        for k in range(2 * _REWEIGHTED):
-            found = np.linalg.lstsq(columns * weight[:, None], left * weight, rcond=None)[0]
-            far = np.abs(left - columns @ found) / (_ROBUST * self.scatter)
-            weight = 1.0 / np.sqrt(np.maximum(far, 1.0) if k < _REWEIGHTED else 1.0 + far**2)
-        return found
 
     def _left(
         self, hypotheses: Sequence[Hypothesis], values: np.ndarray

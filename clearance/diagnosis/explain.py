@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from clearance.diagnosis.growth import Followed, Start, grow, scale_of
 from clearance.diagnosis.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT, Measured
+from clearance.diagnosis.rhythm import Rhythm
 from clearance.diagnosis.screening import Hint
 from clearance.diagnosis.search import (
     ANNEALING,
@@ -395,6 +396,13 @@ class Search:
             explanation, held,
             lambda: refine(held, model, followers, values, scale, iterations, self.workers),
         )  # fmt: skip
+
+    def keep_time(self, rhythm: Rhythm) -> None:
+        """From here on recordings are followed by a clock that they share, for a period at least."""
+        self.recordings = [
+            replace(one, clock=clock, period=rhythm.period)
+            for one, clock in zip(self.recordings, rhythm.clocks, strict=True)
+        ]
 
     def _retrace_all(self, clearance: float) -> None:
         """Go on with a clearance [m]: the paths of all recordings."""

@@ -75,14 +75,18 @@ def suggest_curve(search: Search, base: Attempt) -> tuple[list[Curve], float]:
     for curve in found:
         each.setdefault((curve.body, curve.direction), []).append(curve)
     trials = _Trials(search, base)
-    trials.add([curve for curves in each.values() for curve in curves[:_FIRST]])
+    inside = [
+        curve for curve in found if curve.body.startswith("joint") and curve.argument == "contact_force"
+    ]
+    first = [curve for curves in each.values() for curve in curves[:_FIRST] if curve not in inside]
+    trials.add([*inside, *first])
     best = trials.best
     if best is None:
         return [], base.misfit
     # one recording at one speed cannot tell a function of the angle from one of the velocity; all may
     model = search.setting.model([free_form(best.curve, search.setting.joint)])
     path = settle([best.follower], model, best.values[None], 0).passes[0]
-    arguments = arguments_along(path, search.setting.joint, best.follower.measured.segment)
+    arguments = arguments_along(path, search.setting.joint, best.follower.measured)
     force = along(best.curve, arguments[best.curve.argument])
     ranked = []
     for other in each[best.curve.body, best.curve.direction]:
@@ -142,9 +146,8 @@ def reshape(search: Search, explanation: Explanation) -> None:
     passes = []
     for follower, row in zip(best.followers, best.fit.values, strict=True):
         passes.append(follower.look(nominal.machine(row[[0, -1]]), [best.model.machine(row)]))
-    joint, segment = search.setting.joint, best.followers[0].measured.segment
-    sigmas = [follower.input_sigma for follower in best.followers]
-    for curve in effect_as_curves(passes, sigmas, place, joint, segment)[:_FITTED]:
+    joint = search.setting.joint
+    for curve in effect_as_curves(passes, best.followers, place, joint)[:_FITTED]:
         hypothesis = free_form(curve, joint)
         values = np.array([[row[0], *curve.forces, row[-1]] for row in best.fit.values])
         search.report(f"  in its place, a function of {curve.argument}")

@@ -38,6 +38,9 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
         if names in known:
             continue
         known.append(names)
+        recordings = search.recordings
+        if one.rhythm is not None:
+            search.keep_time(one.rhythm)
         try:
             settled = settle_in(search, search.setting, one)
         except (InputError, np.linalg.LinAlgError):
@@ -47,6 +50,8 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
         found = _fit(
             search, explanation, nominal, one.hypotheses, settled.values, settled.clearance, anew=True
         )
+        if found is None and one.rhythm is not None:
+            search.recordings = recordings
         table = one.curve
         if found is not None and table is not None and len(table.knots) <= KNOTS and not explained(found):
             refine_table(search, explanation, table, found)

@@ -64,6 +64,8 @@ class Measured:
         weights: see ``filter_weights``.
         limits: (channels,) at which each stops, see ``limit``; infinite where it does not.
         silent: channels that were left out because they are constant.
+        clock: what a clock that all recordings share shows where the whole recording begins [s].
+        period: after which something repeats by that clock, and which is followed whole [s]; 0: nothing does.
     """
 
     name: str
@@ -77,6 +79,8 @@ class Measured:
     weights: np.ndarray
     limits: np.ndarray
     silent: tuple[str, ...] = ()
+    clock: float = 0.0
+    period: float = 0.0
 
     @staticmethod
     def of(recording: Recording, chain: MeasurementChain, name: str) -> "Measured":
@@ -171,6 +175,11 @@ class Measured:
         """(segments, samples, channels) whether a value was recorded at its sensor's limit."""
         part = slice(self.first * SAMPLES, self.first * SAMPLES + self.values[..., 0].size)
         return (np.abs(self.recorded[part]) >= self.limits).reshape(self.values.shape)
+
+    @property
+    def begin(self) -> float:
+        """What the clock shows at its beginning [s]."""
+        return self.clock + self.first * self.segment
 
     @property
     def segment(self) -> float:

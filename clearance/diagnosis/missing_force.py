@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clearance.diagnosis.fit import Unknown
-from clearance.diagnosis.follow import EDGE
+from clearance.diagnosis.follow import EDGE, Follower
 from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.stretch import INPUTS, Comparison, Pass
 from clearance.mechanism.applied_force import TabulatedForce, shares
 from clearance.mechanism.slider_crank import SliderCrank
@@ -29,6 +30,7 @@ _CORRELATED = 3.0  # neighbouring segments that count as one
 _STRAIGHT = 0.1  # weight of a bend of the table beside a segment
 _HALF = 0.5  # of a force's variance: what leaves more of it is no function of an argument
 _TAILS = 0.005  # of the argument's values to each side that the curve does not reach
+_LINE = 2  # knots over a contact's force, far beyond which impacts are: nothing holds the bends of more
 KNOTS = 12
 """Of a curve that nobody has refined."""
 FREE_FORM = "free_form"
@@ -55,25 +57,27 @@ class Seen:
     arguments: dict[str, np.ndarray]
 
 
-def observe_forces(passes: Sequence[Pass], inputs: Sequence[np.ndarray], joint: str, segment: float) -> Seen:
+def observe_forces(
+    passes: Sequence[Pass], inputs: Sequence[np.ndarray], joint: str, recordings: Sequence[Measured]
+) -> Seen:
     """Gather the unknown forces and what they may depend on.
 
     Args:
         passes: of a fit with unknown forces.
         inputs: (segments, inputs) of each [N m, N m, N].
         joint: whose contact force counts.
-        segment: its duration [s].
+        recordings: the stretches.
     """
     inner = slice(EDGE, -EDGE)
     rows = [one[inner] for one in inputs]
     neighbours = np.concatenate([np.diff(one, axis=0) for one in rows])
     scatter = np.maximum(1.4826 / np.sqrt(2.0) * np.median(np.abs(neighbours), axis=0), 1e-9)
-    found = [arguments_along(one, joint, segment) for one in passes]
+    found = [arguments_along(one, joint, own) for one, own in zip(passes, recordings, strict=True)]
     gathered = {name: np.concatenate([one[name] for one in found]) for name in ARGUMENTS}
     return Seen(np.concatenate(rows) / scatter, scatter, gathered)
 
 
-def arguments_along(one: Comparison, joint: str, segment: float) -> dict[str, np.ndarray]:
+def arguments_along(one: Comparison, joint: str, measured: Measured) -> dict[str, np.ndarray]:
     """(segments,) values of each argument in the middle of a path's segments, its ends left out."""
     signals = one.signals[EDGE:-EDGE, one.signals.shape[1] // 2]
     return {
@@ -81,7 +85,7 @@ def arguments_along(one: Comparison, joint: str, segment: float) -> dict[str, np
         "slider_position": signals[:, Signal.SLIDER_POSITION],
         "slider_velocity": signals[:, Signal.SLIDER_VELOCITY],
         "contact_force": one.contacts[EDGE:-EDGE, :, 1 if joint == "B" else 3].mean(axis=1),
-        "time": segment * (np.arange(len(signals)) + EDGE + 0.5),
+        "time": measured.begin + measured.segment * (np.arange(len(signals)) + EDGE + 0.5),
     }
 
 
@@ -171,6 +175,7 @@ class Curve:
         gain: as in ``Regression``.
         price: of its parameters.
         interpolation: between the knots, linear or cubic.
+        period: after which a force over time repeats [s]; ``None``: it does not.
     """
 
     body: str
@@ -182,16 +187,18 @@ class Curve:
     gain: float
     price: float
     interpolation: str = "linear"
+    period: float | None = None
 
     @property
     def repeats(self) -> bool:
-        """Whether it covers one turn of the crank."""
-        return self.argument == "crank_angle"
+        """Whether it covers one turn of the crank, or one period."""
+        return self.argument == "crank_angle" or self.period is not None
 
     def shares(self, values: np.ndarray) -> np.ndarray:
         """(values, knots) of each knot's force at values of the argument."""
         place = (values - self.knots[0]) / (self.knots[1] - self.knots[0])
-        return shares(place, len(self.knots), self.repeats, self.interpolation)
+        straight = self.argument == "contact_force"
+        return shares(place, len(self.knots), self.repeats, self.interpolation, straight)
 
 
 def directions(joint: str) -> tuple[tuple[str, str], ...]:
@@ -208,26 +215,44 @@ def constant(machine: SliderCrank, body: str, direction: str, size: float) -> Sl
     return replace(machine, force=TabulatedForce(body, direction, values=(size,)))
 
 
+def proportional(machine: SliderCrank, body: str, direction: str, joint: str, size: float) -> SliderCrank:
+    """The machine with a force proportional to that of a joint's contact [N/N or N m/N]."""
+    law = TabulatedForce(body, direction, contact_force_of(joint), 0.0, 1.0, (0.0, size))
+    return replace(machine, force=law)
+
+
+def contact_force_of(joint: str) -> str:
+    """The simulator's name of the normal force in joint B or C."""
+    return f"force_{joint.lower()}"
+
+
 def curves(seen: Seen, pattern: np.ndarray, joint: str, sizes: np.ndarray) -> list[Curve]:
     """Fit curves of every argument in every direction, best first.
 
+    Over the contact's force they are straight lines here: it changes too fast within a segment for more.
+
     Args:
         seen: unknown forces.
-        pattern: (segments, inputs, directions) of a constant force in each.
+        pattern: (segments, inputs, 2 directions) of a constant force in each direction, then of one in each
+            that is proportional to the contact's force.
         joint: B or C.
-        sizes: (directions,) of those forces [N or N m].
+        sizes: (2 directions,) of those forces [N or N m, then the same for a newton of contact].
     """
     found = []
-    count = len(seen.forces)
-    for d, (body, direction) in enumerate(directions(joint)):
+    count, places = len(seen.forces), directions(joint)
+    for d, (body, direction) in enumerate(places):
         for argument in ARGUMENTS:
             values = seen.arguments[argument]
             curve = curve_over(values, body, direction, argument)
-            fitted = regress(seen, pattern[:, :, d, None] * curve.shares(values)[:, None, :])
+            line = argument == "contact_force"
+            each = np.ones((len(values), 1)) if line else curve.shares(values)
+            column = d + line * len(places)
+            fitted = regress(seen, pattern[:, :, column, None] * each[:, None, :])
+            unit = sizes[column] * (curve.knots if line else 1.0)
             found.append(
                 replace(
-                    curve, forces=fitted.coefficients * sizes[d], deviations=fitted.deviations * sizes[d],
-                    gain=fitted.gain, price=float(len(curve.knots) * np.log(count / _CORRELATED)),
+                    curve, forces=fitted.coefficients * unit, deviations=fitted.deviations * np.abs(unit),
+                    gain=fitted.gain, price=float(each.shape[1] * np.log(count / _CORRELATED)),
                 )
             )  # fmt: skip
     return sorted(found, key=lambda curve: curve.price - curve.gain)
@@ -239,8 +264,8 @@ def curve_over(values: np.ndarray, body: str, direction: str, argument: str) -> 
         knots = 2.0 * np.pi * np.arange(KNOTS) / KNOTS
     else:
         low, high = np.quantile(values, [_TAILS, 1.0 - _TAILS])
-        knots = np.linspace(low, max(high, low + 1e-9), KNOTS)
-    return Curve(body, direction, argument, knots, np.ones(KNOTS), np.zeros(KNOTS), 0.0, 0.0)
+        knots = np.linspace(low, max(high, low + 1e-9), _LINE if argument == "contact_force" else KNOTS)
+    return Curve(body, direction, argument, knots, np.ones_like(knots), np.zeros_like(knots), 0.0, 0.0)
 
 
 def as_function_of(force: np.ndarray, values: np.ndarray, curve: Curve) -> tuple[Curve, float]:
@@ -274,23 +299,26 @@ def refined(curve: Curve, interpolation: str) -> Curve:
 
 
 def effect_as_curves(
-    passes: Sequence[Pass], sigmas: Sequence[np.ndarray], place: tuple[str, str], joint: str, segment: float
+    passes: Sequence[Pass], followers: Sequence[Follower], place: tuple[str, str], joint: str
 ) -> list[Curve]:
     """What an effect does on one body in one direction, as curves of the arguments that can say it.
 
     Args:
         passes: of the machine without the effect, beside paths of the one with it; their only column is the
             machine with it.
-        sigmas: (inputs,) standard deviations of the unknown forces of each [N m, N m, N].
+        followers: of each.
         place: body and direction, one of ``PLACES``.
         joint: whose contact force counts.
-        segment: its duration [s].
 
     Returns:
         Curves, the one that says it best first; none that leaves more than half out.
     """
+    sigmas = [follower.input_sigma for follower in followers]
     force = patterns(passes, sigmas, slice(0, 1), np.ones(len(INPUTS)))[:, PLACES.index(place), 0]
-    each = [arguments_along(one, joint, segment) for one in passes]
+    each = [
+        arguments_along(one, joint, follower.measured)
+        for one, follower in zip(passes, followers, strict=True)
+    ]
     found = []
     for argument in ARGUMENTS:
         values = np.concatenate([one[argument] for one in each])
@@ -307,14 +335,14 @@ def unnamed(hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:
 
 def free_form(curve: Curve, joint: str) -> Hypothesis:
     """A curve as a hypothesis whose parameters are its forces at the knots."""
-    argument = curve.argument if curve.argument != "contact_force" else f"force_{joint.lower()}"
+    argument = curve.argument if curve.argument != "contact_force" else contact_force_of(joint)
     spacing = None if curve.repeats else float(curve.knots[1] - curve.knots[0])
     typical = float(max(np.abs(curve.forces).max(), 1e-3))
 
     def apply(machine: SliderCrank, values: np.ndarray) -> SliderCrank:
         law = TabulatedForce(
             curve.body, curve.direction, argument, float(curve.knots[0]), spacing,
-            tuple(map(float, values)), curve.interpolation,
+            tuple(map(float, values)), curve.interpolation, curve.period,
         )  # fmt: skip
         return replace(machine, force=law)
 

@@ -3,12 +3,13 @@
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clearance.diagnosis.balance import find_clock
 from clearance.diagnosis.effect import Effect
 from clearance.diagnosis.evidence import gather_evidence
 from clearance.diagnosis.explain import PATIENCE, Explanation, Search
@@ -36,6 +37,7 @@ from clearance.diagnosis.verdict import (
     verdict_of,
     withdraw,
 )
+from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
 
 if TYPE_CHECKING:
@@ -111,6 +113,7 @@ def diagnose(
         say("interrupted: what was found so far is judged and written; once more ends it at once")
     withdraw(explanation)
     search.report("judging on held-out recordings")
+    held_out = [clocked(one, search, explanation.best) for one in held_out]
     best, nominal = explanation.best, explanation.nominal
     after = _held_out(held_out, search, best)
     before_attempt = _held_out(held_out, search, nominal, after) if best is not nominal else after
@@ -139,7 +142,7 @@ def diagnose(
         "effects": named,
         "equivalent": [[h.name for h in a.hypotheses] for a in others] if len(others) > 1 else [],
         "next_experiment": _next_experiment(others, recordings),
-        "free_form": free_form_of(best, setting),
+        "free_form": free_form_of(best, setting, [one.clock for one in search.recordings]),
         "fit": fit,
         "clearance": {
             "joint": joint, "misfit_by_joint": joints, "before_m": float(nominal.fit.values[0, 0]),
@@ -201,10 +204,9 @@ def _held_out(
         speeds = beside.fit.values[:, -1:]
         found = refine((), only_speed, beside.followers, speeds, ANNEALING[1], 8, search.workers, False)
     else:
-        near = [abs(known.speed) for known in search.alignments]
 
         def one(measured: Measured) -> Trace:
-            known = aligned(measured, machine, (0.5 * min(near), 2.0 * max(near)))
+            known = aligned(measured, machine, _speeds(search))
             return Trace.of(measured, known, machine, instrument)
 
         with ThreadPoolExecutor(search.workers) as pool:
@@ -223,6 +225,27 @@ def _held_out(
         [np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1
     )
     return found
+
+
+def clocked(measured: Measured, search: Search, attempt: Attempt) -> Measured:
+    """A recording that was held out, by the clock that the fitted ones share, if they share one.
+
+    The rest of a fitted recording goes on by its clock; another one's is found by the balance of work.
+    """
+    if not search.recordings[0].period:
+        return measured
+    period = search.recordings[0].period
+    own = [one.clock for one in search.recordings if one.name == measured.name]
+    machine = attempt.model.machine(attempt.fit.values[0])
+    if not own and isinstance(machine.force, TabulatedForce) and machine.force.period is not None:
+        own = [find_clock(measured, aligned(measured, machine, _speeds(search)), machine)]
+    return replace(measured, clock=own[0], period=period) if own else measured
+
+
+def _speeds(search: Search) -> tuple[float, float]:
+    """Among which the speed of another recording is looked for [rad/s]."""
+    near = [abs(known.speed) for known in search.alignments]
+    return 0.5 * min(near), 2.0 * max(near)
 
 
 def _alike(one: SliderCrank, other: SliderCrank) -> bool:

@@ -22,6 +22,7 @@ from clearance.diagnosis.missing_force import (
     directions,
     observe_forces,
     patterns,
+    proportional,
 )
 from clearance.diagnosis.search import Attempt
 from clearance.diagnosis.stretch import Pass
@@ -152,12 +153,15 @@ def shapes(attempt: Attempt, joint: str, force: float, workers: int) -> list[Cur
         workers: threads.
     """
     places = directions(joint)
-    sizes = np.array([_PUSH * force * (_ARM if d in ("torque", "moment") else 1.0) for _, d in places])
+    sizes = _PUSH * np.array([_ARM if d in ("torque", "moment") else 1.0 for _, d in places])
 
     def look(r: int) -> Pass:
         values = attempt.fit.values[r]
         machine = attempt.model.machine(values)
-        pushes = [constant(machine, *place, size) for place, size in zip(places, sizes, strict=True)]
+        pushes = [constant(machine, *place, force * size) for place, size in zip(places, sizes, strict=True)]
+        pushes += [
+            proportional(machine, *place, joint, size) for place, size in zip(places, sizes, strict=True)
+        ]
         return attempt.followers[r].look(
             machine, pushes, attempt.model.instrument(values), scale=attempt.scale
         )
@@ -165,10 +169,11 @@ def shapes(attempt: Attempt, joint: str, force: float, workers: int) -> list[Cur
     with ThreadPoolExecutor(workers) as pool:
         passes = list(pool.map(look, range(len(attempt.followers))))
     sigmas = [f.input_sigma for f in attempt.followers]
-    seen = observe_forces(
-        passes, [f.path.inputs for f in attempt.followers], joint, attempt.followers[0].measured.segment
+    followers = attempt.followers
+    seen = observe_forces(passes, [f.path.inputs for f in followers], joint, [f.measured for f in followers])
+    return curves(
+        seen, patterns(passes, sigmas, slice(0, None), seen.scatter), joint, np.append(force * sizes, sizes)
     )
-    return curves(seen, patterns(passes, sigmas, slice(0, None), seen.scatter), joint, sizes)
 
 
 @dataclass(frozen=True)

@@ -134,7 +134,7 @@ def _search_all(
         found, misfit = suggest_curve(search, nominal)
         if found:
             explanation.suspected = (found[0].body, found[0].direction)
-        if misfit < NEARLY or (found and found[0].body == "slider"):
+        if misfit < max(NEARLY, _PART * nominal.misfit) or (found and found[0].body == "slider"):
             fit_curve(search, explanation, found)
         else:
             waiting.extend(found)

@@ -169,9 +169,9 @@ class Trace:
 
     @property
     def length(self) -> int:
-        """Segments that are followed: a revolution and a third, if there are as many."""
+        """Segments that are followed: a revolution and a third, or a period, if there are as many."""
         turn = 2.0 * np.pi / abs(self.alignment.speed) / self.measured.segment
-        wanted = int(max(_SHORTEST, _REVOLUTIONS * turn))
+        wanted = int(max(_SHORTEST, _REVOLUTIONS * turn, self.measured.period / self.measured.segment))
         return min(wanted, len(self.path.nodes) - 2 * _SKIPPED)
 
     @property
@@ -195,7 +195,8 @@ class Trace:
         forces = self.forces(looseness)
         follower = Follower(self.measured.part(first, last), COARSE, forces)
         follower.path.nodes[:] = self.path.nodes[first:last]
-        follower.path.nodes[:, State.TIME] = self.measured.segment * np.arange(last - first)
+        time = self.measured.begin + self.measured.segment * np.arange(first, last)
+        follower.path.nodes[:, State.TIME] = time
         return follower
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clearance.compilation import entry
-from clearance.diagnosis.measured import SAMPLES
+from clearance.diagnosis.measured import SAMPLES, Measured
 from clearance.diagnosis.reconstruction import Reconstruction
 from clearance.mechanism.applied_force import CONSTANTS
 from clearance.mechanism.parameters import Family, Parameter
@@ -29,13 +29,14 @@ class Turning:
     """A recording's motion as the crank feels it, instant by instant.
 
     Attributes:
-        time: (instants,) [s].
+        time: (instants,) since its beginning [s].
         angle: (instants,) of the crank [rad].
         speed: (instants,) [rad/s].
         acceleration: (instants,) [rad/s^2].
         torque: (instants,) that the motion needs [N m].
         place: (instants,) of an ideal machine's slider [m].
         slide: (instants,) its change by the crank's angle [m/rad].
+        begin: what the recording's clock shows at the first instant [s].
     """
 
     time: np.ndarray
@@ -45,14 +46,16 @@ class Turning:
     torque: np.ndarray
     place: np.ndarray
     slide: np.ndarray
+    begin: float
 
     @staticmethod
-    def along(path: Reconstruction, machine: SliderCrank, rate: float) -> "Turning":
-        """The motion of a path through a recording of this rate [Hz], at every other sample of whole bins."""
+    def along(path: Reconstruction, machine: SliderCrank, measured: Measured) -> "Turning":
+        """The motion of a path through a recording, at every other sample of whole bins."""
         rows = path.turning[:, : path.turning.shape[1] // SAMPLES * SAMPLES]
         angle, speed, acceleration, torque = rows[:, _EDGE * SAMPLES : -_EDGE * SAMPLES : _EVERY]
-        time = _EVERY / rate * np.arange(len(angle))
-        return Turning(time, angle, speed, acceleration, torque, *_ideal(machine.parameters(), angle))
+        time = _EVERY / measured.chain.rate * np.arange(len(angle))
+        begin = measured.begin + _EDGE * measured.segment
+        return Turning(time, angle, speed, acceleration, torque, *_ideal(machine.parameters(), angle), begin)
 
 
 def binned(values: np.ndarray) -> np.ndarray:
@@ -74,7 +77,7 @@ def answer(machine: SliderCrank, turning: Turning) -> tuple[np.ndarray, np.ndarr
     if not codes[Family.FORCE]:
         codes[Family.FORCE] = CONSTANTS
     integral = p[Parameter.DRIVE_SPEED, 0] * turning.time - (turning.angle - turning.angle[0])
-    motion = np.stack([turning.angle, turning.speed, integral, turning.time])
+    motion = np.stack([turning.angle, turning.speed, integral, turning.begin + turning.time])
     out = np.zeros((2, motion.shape[1]))
     work = aligned(RESULTS + STATES)
     accelerate(codes, p, motion, work, out[0])

@@ -255,7 +255,8 @@ def sentences(
         lines.append(
             f"Something is missing that has no name here: a {_PUSHES.get(curve.direction, 'force')} on the "
             f"{curve.body.replace('_', ' ')} ({curve.direction}) that depends on "
-            f"{argument.replace('_', ' ')} explains {share}the recordings; its table is in corrected.yaml."
+            f"{argument.replace('_', ' ')}{_rhythm(law)} explains {share}the recordings; its table is in "
+            "corrected.yaml."
         )
     for hypothesis in best.hypotheses:
         count = len(hypothesis.unknowns)
@@ -280,6 +281,12 @@ def sentences(
         f"{after:.4f} mm."
     )
     return lines
+
+
+def _rhythm(law: object) -> str:
+    """After what a force repeats by a clock of its own, in plain words."""
+    period = getattr(law, "period", None)
+    return f" and repeats every {period * 1e3:.4g} ms" if period is not None else ""
 
 
 def _rails(explanation: Explanation) -> list[str]:
@@ -329,10 +336,15 @@ def effects_of(attempt: Attempt, chance: dict[int, float]) -> list[dict[str, Any
     return found
 
 
-def free_form_of(attempt: Attempt, setting: Setting) -> dict[str, Any] | None:
+def free_form_of(attempt: Attempt, setting: Setting, clocks: Sequence[float]) -> dict[str, Any] | None:
     """The table of an attempt's force of free form as the contract writes it, with its 95 % band.
 
     Of a torque only what varies is given: a constant one cannot be told from what the drive is asked for.
+
+    Args:
+        attempt: with or without one.
+        setting: the machine.
+        clocks: what the clock of a force over time shows where each recording begins [s].
     """
     hypothesis = unnamed(attempt.hypotheses)
     if hypothesis is None:
@@ -342,7 +354,7 @@ def free_form_of(attempt: Attempt, setting: Setting) -> dict[str, Any] | None:
     values = attempt.fit.values[0, place : place + count]
     law = hypothesis.apply(setting.machine, values).force
     assert isinstance(law, TabulatedForce)
-    spacing = 2.0 * np.pi / count if law.repeats else float(law.spacing or 0.0)
+    spacing = law.repeats_after / count if law.repeats else float(law.spacing or 0.0)
     finer = _ALONG if law.interpolation == "cubic" else 1  # whoever reads the table joins its points by lines
     steps = np.arange(count * finer if law.repeats else (count - 1) * finer + 1) / finer
     own = shares(steps, count, law.repeats, law.interpolation)
@@ -354,7 +366,8 @@ def free_form_of(attempt: Attempt, setting: Setting) -> dict[str, Any] | None:
     return {
         "body": law.body, "direction": law.direction, "argument": law.argument,
         "unit": "N m" if law.direction in ("torque", "moment") else "N",
-        "argument_unit": _UNITS.get(law.argument, "N"),
+        "argument_unit": _UNITS.get(law.argument, "N"), "period": law.period,
+        "clocks": list(clocks) if law.argument == "time" else None,
         "table": [[law.start + spacing * k, float(force)] for k, force in zip(steps, forces, strict=True)],
         "low": (forces - band).tolist(), "high": (forces + band).tolist(),
     }  # fmt: skip

@@ -7,10 +7,11 @@ force depends on; a fitted table stands for physics that has no name here.
 
 A direction is conjugate to a coordinate of the state, so that its power is the force times that coordinate's
 rate, and nothing else feels it: a force on the slider is not held by the frame, a force on the rod does not
-bend it. The force inside a joint acts on the journal's centre and, opposite, on the bearing's body at the
-same point; normal is along the eccentricity e/|e|, positive where it pushes the journal outwards, tangential
-is a quarter turn further. It is zero in an ideal joint, which has no eccentricity. A force on the slider
-across an ideal guide changes the guide's reaction and therefore the friction on it.
+bend it. The force inside a joint acts on the journal where it is nearest to the bearing and, opposite, on the
+bearing's body at the same point; normal is along the eccentricity e/|e|, positive where it pushes the journal
+outwards, tangential is against the journal's sliding over the bearing. It is zero in an ideal joint, which
+has no eccentricity. A force on the slider across an ideal guide changes the guide's reaction and therefore
+the friction on it.
 """
 
 from collections.abc import Iterable, Sequence
@@ -48,6 +49,10 @@ _FUNCTIONS = TABLE_KNOTS + 3  # one function before the first knot, two after th
 _WEIGHT = Parameter.TABLE_CRANK_TORQUE - Parameter.FORCE_CRANK_TORQUE  # entries from a constant to its weight
 
 
+TRACTION_SPEED = 1e-3
+"""Sliding speed below which a tangential force fades [m/s]."""
+
+
 class Argument(IntEnum):
     """What a table can depend on, as numbered in ``TABLE_ARGUMENT``."""
 
@@ -71,7 +76,9 @@ _FRAME_X, _FRAME_X_RATE, _FORCE_B, _FORCE_C, _TIME = _OTHERS
 
 @kernel
 def look_up(p: Any, argument: Any) -> Any:
-    """The table's value at ``argument``: a line or a spline from knot to knot, repeating or constant beyond.
+    """The table's value at ``argument``: a line or a spline from knot to knot.
+
+    Beyond the ends it repeats, or is constant, or goes on straight after the last.
 
     Written as a sum of hat functions or of cubic B-splines, since lanes cannot each read another entry.
     """
@@ -80,7 +87,9 @@ def look_up(p: Any, argument: Any) -> Any:
     place = argument - get(p, Parameter.TABLE_START)
     turns = nearest_integer(place / where(repeats, period, zero(period) + 1.0) - 0.5)
     place = where(repeats, place - turns * period, place) * get(p, Parameter.TABLE_INVERSE_SPACING)
-    place = minimum(maximum(place, 0.0), get(p, Parameter.TABLE_LAST))
+    last = get(p, Parameter.TABLE_LAST)
+    beyond = get(p, Parameter.TABLE_SLOPE) * maximum(place - last, 0.0)
+    place = minimum(maximum(place, 0.0), last)
     linear, cubic = get(p, Parameter.TABLE_LINEAR), get(p, Parameter.TABLE_CUBIC)
     value = zero(place)
     for k in range(_FUNCTIONS):
@@ -88,10 +97,12 @@ def look_up(p: Any, argument: Any) -> Any:
         near, far = maximum(1.0 - away, 0.0), maximum(2.0 - away, 0.0)
         spline = far * far * far - 4.0 * near * near * near
         value = value + get(p, Parameter.TABLE_VALUE_0 + k) * (linear * near + cubic * spline)
-    return value
+    return value + beyond
 
 
-def shares(place: np.ndarray, count: int, repeats: bool, interpolation: str) -> np.ndarray:
+def shares(
+    place: np.ndarray, count: int, repeats: bool, interpolation: str, straight: bool = False
+) -> np.ndarray:
     """What each value of a table adds to the force at places along it.
 
     Args:
@@ -99,15 +110,23 @@ def shares(place: np.ndarray, count: int, repeats: bool, interpolation: str) -> 
         count: number of values.
         repeats: whether the table repeats after as many spacings as it has values.
         interpolation: linear or cubic.
+        straight: whether the table goes on straight after its last value.
 
     Returns:
         (places, count) shares, which sum to one at each place.
     """
+    beyond = np.maximum(place - (count - 1.0), 0.0)[:, None] * (straight * _end(count))
     place = place % count if repeats else np.clip(place, 0.0, count - 1.0)
     away = np.abs(place[:, None] - np.arange(-1.0, count + 2.0))
     near, far = np.maximum(1.0 - away, 0.0), np.maximum(2.0 - away, 0.0)
     found: np.ndarray = near if interpolation == "linear" else (far**3 - 4.0 * near**3) / 6.0
-    return found @ _coefficients(count, repeats, interpolation)
+    return found @ _coefficients(count, repeats, interpolation) + beyond
+
+
+def _end(count: int) -> np.ndarray:
+    """(count,) coefficients of the slope with which a table goes on after its last value, per spacing."""
+    own: np.ndarray = np.eye(count)
+    return own[-1] - own[max(count - 2, 0)]
 
 
 @cache
@@ -181,8 +200,10 @@ class NoForce(Law):
 class TabulatedForce(Law):
     """One generalised force as a table of one argument, a line or a cubic spline from knot to knot.
 
-    The knots lie at ``start``, ``start + spacing``, ...; beyond them the force stays what it is at the end.
-    Over ``crank_angle`` the table repeats every turn, its spacing is 2 pi over the number of values. One
+    The knots lie at ``start``, ``start + spacing``, ...; beyond them the force stays what it is at the end,
+    but over a contact's force it goes on straight after the last: impacts are far beyond what is carried.
+    Over ``crank_angle`` the table repeats every turn, over ``time`` after its period if it has one; its
+    spacing is then that over the number of values. One
     value is a constant force. A line follows a kink or a jump between two knots without overshoot; a spline
     (natural, or periodic over the angle) that is fitted to a harmonic of four knots a period leaves a
     hundredth of it (root mean square), a line an eighth. Valid as a description of what was seen, between
@@ -195,9 +216,10 @@ class TabulatedForce(Law):
             (joints).
         argument: an ``Argument``, in small letters.
         start: argument at the first knot, in SI units.
-        spacing: argument from knot to knot; ``None`` for crank_angle.
+        spacing: argument from knot to knot; ``None`` where the table repeats.
         values: force at up to 24 knots [N or N m].
         interpolation: linear or cubic.
+        period: after which a table over time repeats [s]; ``None``: it does not.
     """
 
     body: str = "slider"
@@ -207,6 +229,7 @@ class TabulatedForce(Law):
     spacing: float | None = None
     values: tuple[float, ...] = (0.0,)
     interpolation: str = "linear"
+    period: float | None = None
 
     family: ClassVar[Family] = Family.FORCE
     code: ClassVar[int] = 1
@@ -233,10 +256,17 @@ class TabulatedForce(Law):
         object.__setattr__(self, "values", tuple(float(value) for value in self.values))
         if self.spacing is not None:
             require(self, 0.0, 1e9, strict=True, spacing=self.spacing)
+        if self.period is not None:
+            require(self, 0.0, 1e9, strict=True, period=self.period)
+            if self.argument != Argument.TIME.name.lower():
+                raise InputError(
+                    f"TabulatedForce.period = {self.period:g} has no meaning over {self.argument}; change "
+                    "the key that ends in 'period' to null"
+                )
         if self.repeats and self.spacing is not None:
             raise InputError(
-                f"TabulatedForce.spacing = {self.spacing:g} has no meaning over crank_angle, whose table "
-                "covers one turn; change the key that ends in 'spacing' to null"
+                f"TabulatedForce.spacing = {self.spacing:g} has no meaning where the table covers one turn "
+                "or period; change the key that ends in 'spacing' to null"
             )
         if not self.repeats and self.spacing is None and len(self.values) > 1:
             raise InputError(
@@ -246,13 +276,23 @@ class TabulatedForce(Law):
 
     @property
     def repeats(self) -> bool:
-        """Whether the table repeats every turn of the crank."""
-        return self.argument == Argument.CRANK_ANGLE.name.lower()
+        """Whether the table repeats."""
+        return self.repeats_after > 0.0
+
+    @property
+    def repeats_after(self) -> float:
+        """Argument after which the table repeats: a turn of the crank, a period; 0: it does not."""
+        return 2.0 * pi if self.argument == Argument.CRANK_ANGLE.name.lower() else self.period or 0.0
+
+    @property
+    def straight(self) -> bool:
+        """Whether the table goes on straight after its last knot."""
+        return self.argument in (Argument.FORCE_B.name.lower(), Argument.FORCE_C.name.lower())
 
     def numbers(self) -> dict[Parameter, float]:
         """Entries of the parameter vector."""
         index = DIRECTIONS.index((self.body, self.direction))
-        period = 2.0 * pi if self.repeats else 0.0
+        period = self.repeats_after
         count, cubic = len(self.values), self.interpolation == "cubic"
         spacing = period / count if self.repeats else self.spacing or 1.0
         coefficients = _coefficients(count, self.repeats, self.interpolation) @ self.values
@@ -263,6 +303,7 @@ class TabulatedForce(Law):
             Parameter.TABLE_INVERSE_SPACING: 1.0 / spacing,
             Parameter.TABLE_PERIOD: period,
             Parameter.TABLE_LAST: float(count if self.repeats else count - 1),
+            Parameter.TABLE_SLOPE: float(self.straight * (_end(count) @ self.values)),
             Parameter.TABLE_LINEAR: 0.0 if cubic else 1.0,
             Parameter.TABLE_CUBIC: 1.0 / 6.0 if cubic else 0.0,
             **{Parameter(Parameter.TABLE_VALUE_0 + k): float(one) for k, one in enumerate(coefficients)},

@@ -110,8 +110,9 @@ class Parameter(IntEnum):
     TABLE_ARGUMENT = auto()  # number of an applied_force.Argument
     TABLE_START = auto()  # argument at the first knot, in the argument's own unit
     TABLE_INVERSE_SPACING = auto()  # 1 / (argument from knot to knot)
-    TABLE_PERIOD = auto()  # after which the table repeats; 0: never, constant beyond the ends
+    TABLE_PERIOD = auto()  # after which the table repeats; 0: never
     TABLE_LAST = auto()  # spacings from the first knot to where the table ends
+    TABLE_SLOPE = auto()  # N or N m a spacing, after the last knot
     TABLE_LINEAR = auto()  # weights of the hat functions, and of the cubic B-splines
     TABLE_CUBIC = auto()
     TABLE_VALUE_0 = auto()  # N or N m, coefficient of the function around the knot before the first one

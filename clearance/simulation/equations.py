@@ -14,7 +14,7 @@ from typing import Any
 
 from clearance.compilation import kernel, subroutine
 from clearance.lanes import get, maximum, put, sine_cosine, square_root, where, zero
-from clearance.mechanism.applied_force import applied, choose_argument, look_up
+from clearance.mechanism.applied_force import TRACTION_SPEED, applied, choose_argument, look_up
 from clearance.mechanism.bearing import worn_surface
 from clearance.mechanism.choice import chosen
 from clearance.mechanism.contact import APPROACH_FLOOR, normal_force
@@ -34,6 +34,14 @@ from clearance.simulation.layout import Result, State
 
 _TINY = 1e-60  # m^2, added under the square root of a distance: a centred journal has no direction
 _REACTION_PASSES = 4  # of the fixed point between the guide's reaction and the friction it causes
+
+
+@kernel
+def _sliding(
+    nx: Any, ny: Any, vx: Any, vy: Any, distance: Any, radius: Any, journal_spin: Any, bearing_spin: Any
+) -> Any:
+    """Speed of the journal's surface over the bearing's where they are nearest, counterclockwise [m/s]."""
+    return vy * nx - vx * ny + radius * journal_spin - (distance + radius) * bearing_spin
 
 
 @kernel
@@ -93,8 +101,7 @@ def _joint(
     if chosen(codes, Family.FRICTION) == 1 or chosen(codes, Family.BEARING) == 1:
         radius = get(p, block + Parameter.JOINT_JOURNAL_RADIUS)
         if chosen(codes, Family.FRICTION) == 1:
-            arm = distance + radius
-            sliding = vy * nx - vx * ny + radius * journal_spin - arm * bearing_spin
+            sliding = _sliding(nx, ny, vx, vy, distance, radius, journal_spin, bearing_spin)
             direction = smoothed_sign(sliding, get(p, block + Parameter.JOINT_FRICTION_SPEED))
             tangential = -get(p, block + Parameter.JOINT_FRICTION) * normal * direction
             fx, fy = fx - tangential * ny, fy + tangential * nx
@@ -110,12 +117,30 @@ def _joint(
 
 
 @kernel
-def _push_on_journal(p: Any, entry: int, table: Any, ex: Any, ey: Any) -> Any:
-    """Applied force on a journal (x, y) from its normal part, at ``entry``, and the tangential part after."""
-    inverse_distance = 1.0 / square_root(ex * ex + ey * ey + _TINY)
-    nx, ny = ex * inverse_distance, ey * inverse_distance
-    along, across = applied(p, entry, table), applied(p, entry + 1, table)
-    return along * nx - across * ny, along * ny + across * nx
+def _push_on_journal(
+    p: Any,
+    entry: int,
+    table: Any,
+    ex: Any,
+    ey: Any,
+    vx: Any,
+    vy: Any,
+    radius: Any,
+    journal_spin: Any,
+    bearing_spin: Any,
+) -> Any:
+    """Applied force on a journal from its normal part, at ``entry``, and the tangential part after.
+
+    Returns:
+        Force on the journal (x, y) [N], moment on the journal's and on the bearing's body about the centres
+        [N m].
+    """
+    distance = square_root(ex * ex + ey * ey + _TINY)
+    nx, ny = ex / distance, ey / distance
+    sliding = _sliding(nx, ny, vx, vy, distance, radius, journal_spin, bearing_spin)
+    along = applied(p, entry, table)
+    across = -applied(p, entry + 1, table) * smoothed_sign(sliding, TRACTION_SPEED)
+    return along * nx - across * ny, along * ny + across * nx, radius * across, -(distance + radius) * across
 
 
 @kernel
@@ -236,14 +261,31 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
         slider_moment = slider_moment + applied(p, Parameter.FORCE_SLIDER_MOMENT, table)
         if loose_b:
             ex, ey = eccentricity_b(p, s)
-            push_x, push_y = _push_on_journal(p, Parameter.FORCE_B_NORMAL, table, ex, ey)
+            vx, vy = eccentricity_rate_b(p, s)
+            radius = get(p, Parameter.JOINT_JOURNAL_RADIUS)
+            push_x, push_y, on_journal, on_bearing = _push_on_journal(
+                p, Parameter.FORCE_B_NORMAL, table, ex, ey, vx, vy, radius, crank_speed, rod_speed
+            )
             force_bx, force_by = force_bx + push_x, force_by + push_y
-            rod_moment = rod_moment + ey * push_x - ex * push_y
+            crank_torque, rod_moment = crank_torque + on_journal, rod_moment + on_bearing
         if loose_c:
             ex, ey = eccentricity_c(p, s)
-            push_x, push_y = _push_on_journal(p, Parameter.FORCE_C_NORMAL, table, ex, ey)
+            vx, vy = eccentricity_rate_c(p, s)
+            radius = get(p, JOINT_STRIDE + Parameter.JOINT_JOURNAL_RADIUS)
+            push_x, push_y, on_journal, on_bearing = _push_on_journal(
+                p,
+                Parameter.FORCE_C_NORMAL,
+                table,
+                ex,
+                ey,
+                vx,
+                vy,
+                radius,
+                rod_speed,
+                get(s, State.SLIDER_SPEED),
+            )
             force_cx, force_cy = force_cx + push_x, force_cy + push_y
-            slider_moment = slider_moment + ey * push_x - ex * push_y
+            rod_moment, slider_moment = rod_moment + on_journal, slider_moment + on_bearing
 
     # applied forces: drive, loads, guide, frame, gravity
     error = nothing

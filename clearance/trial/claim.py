@@ -75,7 +75,8 @@ def correlation(
 
     Args:
         curve: the true ``force`` and the arguments it may be a function of; see ``simulate.Simulated``.
-        free_form: ``argument`` and ``table`` (argument, force) of the verdict.
+        free_form: ``argument`` and ``table`` (argument, force) of the verdict; over time ``clocks``, what the
+            table's clock shows where each recording begins, and its ``period``.
     """
     if curve is None:
         return None
@@ -86,8 +87,17 @@ def correlation(
         return 0.0
     table = table[np.argsort(table[:, 0])]
     argument, force = np.array(curve[free_form["argument"]]), np.array(curve["force"])
+    period = free_form.get("period")
+    if free_form["argument"] == "time" and free_form.get("clocks"):
+        steps = np.diff(argument)
+        session = np.append(0, np.cumsum(np.abs(steps - np.median(steps)) > 0.5 * np.median(steps)))
+        clocks = np.array(free_form["clocks"], dtype=float)
+        argument = argument + clocks[np.minimum(session, len(clocks) - 1)]
     if free_form["argument"] == "crank_angle":
-        argument = table[0, 0] + np.mod(argument - table[0, 0], 2.0 * np.pi)
+        period = 2.0 * np.pi
+    if period:
+        argument = table[0, 0] + np.mod(argument - table[0, 0], period)
+        table = np.vstack([table, table[0] + [period, 0.0]])
     inside = (argument >= table[0, 0]) & (argument <= table[-1, 0])
     found, force = np.interp(argument[inside], table[:, 0], table[:, 1]), force[inside]
     if len(force) < 10 or found.std() == 0.0 or force.std() == 0.0:

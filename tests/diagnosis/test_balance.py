@@ -6,13 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from clearance.diagnosis.balance import _Balance, settle_in, suggest_forces
+from clearance.diagnosis.balance import _Balance, find_clock, settle_in, suggest_forces
 from clearance.diagnosis.demonstration import record
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.explain import Search
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.measured import Measured, chain_of
 from clearance.diagnosis.trace import aligned
+from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import DirectCurrentMotor, SpeedControl, TorqueRipple
 from clearance.mechanism.guide import StribeckGuide
 from clearance.mechanism.load import ConstantProcess, LinearSpring
@@ -95,6 +96,35 @@ def test_two_forces_at_once():
     both = replace(NOMINAL, spring=LinearSpring(400.0, 0.11), ripple=TorqueRipple(1.5, 3.0, 0.7))
     best = suggested(traced(both)).forces[0]
     assert {h.name for h in best.hypotheses} == {"slider_spring", "torque_ripple"}
+
+
+@pytest.mark.slow
+def test_a_force_by_a_clock_of_its_own_is_a_table_over_time_that_repeats():
+    wave = tuple(9.0 * np.sin(2.0 * np.pi * np.arange(24) / 24))
+    law = TabulatedForce("slider", "x", "time", 0.0, None, wave, "cubic", period=0.037)
+    search = traced(replace(NOMINAL, force=law))
+    best = suggested(search).forces[0]
+    assert (best.curve.body, best.curve.argument) == ("slider", "time")
+    assert best.rhythm.period == pytest.approx(0.037, rel=0.01)
+    search.keep_time(best.rhythm)
+    first = search.retrace(0, SETTING.with_clearance(3e-4)).follower(0.1)
+    assert first.measured.period == best.rhythm.period
+    assert len(first.path.nodes) * first.measured.segment > best.rhythm.period
+
+
+@pytest.mark.slow
+def test_the_clock_of_another_recording_is_found_by_a_table():
+    wave = tuple(9.0 * np.sign(np.arange(24) - 5.5) + 2.0)
+    law = TabulatedForce("slider", "x", "time", 0.0, None, wave, period=0.037)
+    machine = replace(SETTING.with_clearance(3e-4), force=law)
+    search = traced(replace(NOMINAL, force=law))
+    known, later = search.alignments[0], search.recordings[0].part(60, 200)
+    later = replace(later, values=later.values, recorded=later.recorded[600:], first=0)
+    ahead = replace(known, angle=known.angle + known.speed * 0.06)
+    first = find_clock(search.recordings[0], known, machine)
+    second = find_clock(later, ahead, machine)
+    apart = (second - first - 0.06) / 0.037
+    assert abs((apart + 0.5) % 1.0 - 0.5) < 0.03
 
 
 def test_waves_are_told_by_a_spline():

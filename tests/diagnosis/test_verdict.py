@@ -157,7 +157,8 @@ def torque_table(between):
     values = np.array([[3e-4, *(WAVE - 700.0), 700.0]])
     one = SimpleNamespace(parts=np.zeros((5, 6)))
     fit = Fit(Model(unknowns, lambda _: None), values, 0.0, [one], information)
-    return free_form_of(Attempt((hypothesis,), fit.model, fit, 1.0, 1.0, []), Setting(SliderCrank(), "C"))
+    attempt = Attempt((hypothesis,), fit.model, fit, 1.0, 1.0, [])
+    return free_form_of(attempt, Setting(SliderCrank(), "C"), [0.0])
 
 
 def test_of_a_torque_without_a_name_only_what_varies_is_given():

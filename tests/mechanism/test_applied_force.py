@@ -50,6 +50,40 @@ def test_a_table_is_linear_between_its_knots_and_constant_beyond_them(values, st
     assert look_up(p, argument) == pytest.approx(np.interp(argument, knots, values), abs=1e-9)
 
 
+@pytest.mark.parametrize("between", ["linear", "cubic"])
+@pytest.mark.parametrize("values", [(3.0,), (1.0, 4.0), (0.0, 2.0, 7.0)])
+def test_a_table_over_a_contacts_force_goes_on_straight(values, between):
+    p = parameters(argument="force_c", start=10.0, spacing=20.0, values=values, interpolation=between)
+    last, slope = 10.0 + 20.0 * (len(values) - 1), (values[-1] - values[max(len(values) - 2, 0)]) / 20.0
+    for beyond in (0.0, 5.0, 900.0):
+        expected = values[-1] + slope * beyond
+        assert look_up(p, last + beyond) == pytest.approx(expected, abs=1e-9)
+        own = shares(np.array([(last + beyond - 10.0) / 20.0]), len(values), False, between, straight=True)
+        assert (own @ values)[0] == pytest.approx(expected, abs=1e-9)
+    assert look_up(p, -50.0) == pytest.approx(values[0], abs=1e-9)
+
+
+@given(values=VALUES, start=START, period=SPACING, time=ARGUMENT)
+@settings(deadline=None, max_examples=100)
+def test_a_table_over_time_repeats_after_its_period(values, start, period, time):
+    p = parameters(argument="time", start=start, values=values, period=period)
+    knots = start + period / len(values) * np.arange(len(values))
+    assert look_up(p, time) == pytest.approx(np.interp(time, knots, values, period=period), abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("settings", "complaint"),
+    [
+        ({"argument": "time", "period": 0.0}, "period"),
+        ({"argument": "slider_velocity", "spacing": 1.0, "period": 0.1}, "slider_velocity"),
+        ({"argument": "time", "spacing": 0.01, "period": 0.1}, "spacing"),
+    ],
+)
+def test_a_period_belongs_to_time_and_takes_no_spacing(settings, complaint):
+    with pytest.raises(InputError, match=complaint):
+        TabulatedForce(values=(1.0, 2.0), **settings)
+
+
 @given(values=VALUES, start=START, angle=ANGLE)
 @settings(deadline=None, max_examples=200)
 def test_a_table_over_the_crank_angle_repeats_every_turn(values, start, angle):
@@ -150,7 +184,7 @@ def test_each_direction_has_a_constant_and_a_weight_in_the_same_order():
         ({"values": []}, r"values has 0 numbers, not 1 to 24"),
         ({"values": [1.0] * 25}, r"values has 25 numbers"),
         ({"values": [1.0, float("nan")]}, r"values = nan"),
-        ({"spacing": 0.1}, r"spacing = 0\.1 .*crank_angle.*null"),
+        ({"spacing": 0.1}, r"spacing = 0\.1 .*turn or period.*null"),
         ({"argument": "time", "values": [1.0, 2.0]}, r"spacing = None.*time"),
         ({"argument": "time", "spacing": -1.0, "values": [1.0, 2.0]}, r"spacing = -1 is outside \(0"),
     ],

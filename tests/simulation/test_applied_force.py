@@ -101,16 +101,20 @@ def rate_of_direction(machine, s, body, direction):
         )
         e = pivot + 0.05 * unit(s[State.CRANK_ANGLE]) - center + 0.06 * unit(rod)
         v = pivot_rate + 0.05 * turn(s[State.CRANK_ANGLE], s[State.CRANK_SPEED]) - drift + 0.06 * turn(rod, w)
-        spin = w
+        spins = s[State.CRANK_SPEED], w
     else:
         e = center + 0.06 * unit(rod) - s[State.SLIDER_X : State.SLIDER_Y + 1]
         v = drift + 0.06 * turn(rod, w) - s[State.SLIDER_X_RATE : State.SLIDER_Y_RATE + 1]
-        spin = s[State.SLIDER_SPEED]
+        spins = w, s[State.SLIDER_SPEED]
     normal = e / np.hypot(*e)
     if direction == "normal":
         return v @ normal
-    # both sides feel it at the journal's centre, where the bearing's body moves with its spin
-    return v @ np.array([-normal[1], normal[0]]) - spin * np.hypot(*e)
+    # both sides feel it where the surfaces meet, a radius beyond the journal's centre, against the sliding
+    journal, bearing = spins
+    radius = getattr(machine, body).journal_radius
+    across = v @ np.array([-normal[1], normal[0]])
+    sliding = across + radius * journal - (np.hypot(*e) + radius) * bearing
+    return -sliding * sliding / np.hypot(sliding, 1e-3)
 
 
 def kinetic_power(machine, state, change):

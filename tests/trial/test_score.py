@@ -4,6 +4,7 @@ import json
 import subprocess
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from clearance.trial import pictures
@@ -112,6 +113,17 @@ def test_every_failure_has_a_word_on_why(secrets, said, why):
     row = scored(FRICTION, said, secrets)
     assert (row["right"], row["why"]) == (False, why)
     assert why in failures(summarise([row]))
+
+
+def test_a_force_over_time_is_compared_by_the_clock_of_each_recording():
+    begun = np.concatenate([0.8 + 1e-3 * np.arange(200), 0.85 + 1e-3 * np.arange(200)])
+    clock = np.repeat([0.0, 0.013], 200)
+    curve = {"time": begun, "force": np.sin(2.0 * np.pi * (begun + clock) / 0.05)}
+    knots = 0.05 * np.arange(24) / 24
+    said = {"argument": "time", "period": 0.05, "clocks": [0.0, 0.013],
+            "table": [[t, np.sin(2.0 * np.pi * t / 0.05)] for t in knots]}  # fmt: skip
+    assert correlation(curve, said) > 0.99
+    assert correlation(curve, {**said, "clocks": [0.0, 0.038]}) < 0.5
 
 
 def test_a_case_without_a_verdict_counts_as_wrong(secrets):

@@ -1,0 +1,32 @@
+"""Robust linear regression of what a motion needs: many bins around a badly understood impact say nothing.
+
+References: Huber 1964, Ann. Math. Stat. 35(1), 73-101; Holland & Welsch 1977, Commun. Stat. A6(9), 813-827
+(weights, the Cauchy function among them).
+"""
+
+import numpy as np
+
+_ROBUST = 2.0  # times the scatter beyond which a bin loses weight
+_REWEIGHTED = 4  # times with Huber's weights, then as often with Cauchy's
+
+
+def regressed(columns: np.ndarray, left: np.ndarray, scatter: float) -> np.ndarray:
+    """(columns,) coefficients: far bins weigh less (Huber), then nearly nothing (Cauchy).
+
+    Args:
+        columns: (bins, columns).
+        left: (bins,) to explain.
+        scatter: of a bin, in the same unit.
+    """
+    found: np.ndarray = np.zeros(columns.shape[1])
+    weight: np.ndarray = np.ones(len(left))
+    for k in range(2 * _REWEIGHTED):
+        found = np.linalg.lstsq(columns * weight[:, None], left * weight, rcond=None)[0]
+        far = np.abs(left - columns @ found) / (_ROBUST * scatter)
+        weight = 1.0 / np.sqrt(np.maximum(far, 1.0) if k < _REWEIGHTED else 1.0 + far**2)
+    return found
+
+
+def cost_of(left: np.ndarray, scatter: float) -> float:
+    """Robust mean square (Cauchy) of what is left, in units of its scatter."""
+    return float((_ROBUST**2 * np.log1p((left / (_ROBUST * scatter)) ** 2)).mean())

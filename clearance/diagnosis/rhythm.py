@@ -1,0 +1,128 @@
+"""A force that repeats by a clock of its own: its period, and where in it each recording begins.
+
+What a fan beside the machine, a press next door or an uneven supply does to it knows nothing of the crank. In
+the balance of work (``balance``) such a force is linear in its Fourier series once the period is known. All
+periods are tried, each recording with a series of its own, since nobody knows when it began; recordings at
+different speeds agree on the period alone where the crank is not the clock. Then one series is shared, and
+each recording's clock is set by where its own series lies in it.
+
+Reference: epoch folding and harmonic fits, Schwarzenberg-Czerny 1996, ApJ 460, L107-L110.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from clearance.diagnosis.regression import cost_of, regressed
+
+_FASTEST = 120.0  # Hz
+_LONGEST = 0.6  # of the longest recording: what comes once is no rhythm
+_COARSE, _FINE, _SHARED = 3, 6, 12  # harmonics that find the period, tell it from others, and settle it
+_FINER = 12.0  # steps of the frequency in one over the longest recording
+_CLOSER = 6  # frequencies that are looked at closely
+_MULTIPLE, _NO_WORSE = 4, 1.2  # times the frequency that leave no more than that share are the period's own
+_TURNS = 240  # places in a period at which series are compared
+
+
+@dataclass(frozen=True)
+class Needed:
+    """What one recording lacks, and through which lever the force sought would give it.
+
+    Attributes:
+        time: (bins,) since the recording began [s].
+        lever: (bins,) generalised force for a unit of the force sought.
+        torque: (bins,) needed [N m].
+        offsets: (bins, offsets) torques that are not known anyway.
+    """
+
+    time: np.ndarray
+    lever: np.ndarray
+    torque: np.ndarray
+    offsets: np.ndarray
+
+
+@dataclass(frozen=True)
+class Rhythm:
+    """A period [s], and what a clock shared by all recordings shows where each begins [s]."""
+
+    period: float
+    clocks: tuple[float, ...]
+
+
+def find_rhythm(recordings: Sequence[Needed], scatter: float) -> Rhythm:
+    """The period with which a force explains most of what recordings lack, and their clocks.
+
+    Args:
+        recordings: what each lacks.
+        scatter: of a bin [N m].
+    """
+    longest = max(float(np.ptp(one.time)) for one in recordings)
+
+    def apart(frequency: float, harmonics: int) -> float:
+        left = [one.torque - columns @ found for one, columns, found in _each(frequency, harmonics)]
+        return cost_of(np.concatenate(left), scatter)
+
+    def _each(frequency: float, harmonics: int) -> list[tuple[Needed, np.ndarray, np.ndarray]]:
+        each = []
+        for one in recordings:
+            columns = np.column_stack(
+                [_series(frequency * one.time, harmonics) * one.lever[:, None], one.offsets]
+            )
+            each.append((one, columns, regressed(columns, one.torque, scatter)))
+        return each
+
+    step = 1.0 / (_FINER * longest)
+    frequencies = np.arange(1.0 / (_LONGEST * longest), _FASTEST, step)
+    costs = np.array([apart(f, _COARSE) for f in frequencies])
+    dips = [i for i in np.argsort(costs) if costs[i] <= costs[max(i - 1, 0) : i + 2].min()][:_CLOSER]
+    near = frequencies[dips][:, None] + step * np.linspace(-1.0, 1.0, 9)
+    closer = {float(f): apart(f, _FINE) for f in near.ravel()}
+    best = min(closer, key=lambda f: closer[f])
+    for multiple in range(_MULTIPLE, 1, -1):
+        if multiple * best < _FASTEST and apart(multiple * best, _FINE) < _NO_WORSE * closer[best]:
+            best *= multiple
+            break
+    # each recording's own series, against that of the first one
+    places = np.arange(_TURNS) / _TURNS
+    profiles = [_series(places, _FINE) @ found[: 2 * _FINE] for _, _, found in _each(best, _FINE)]
+    ahead = [
+        int(np.argmax([np.roll(profile, k) @ profiles[0] for k in range(_TURNS)])) / _TURNS
+        for profile in profiles[1:]
+    ]
+
+    def together(frequency: float, ahead: np.ndarray) -> float:
+        return cost_of(_left(recordings, frequency, [0.0, *ahead], scatter), scatter)
+
+    scale = np.array([step, *[1.0 / _TURNS] * len(ahead)])
+    begun = np.array([best, *ahead])
+    found = minimize(
+        lambda x: together(best + scale[0] * x[0], begun[1:] + scale[1:] * x[1:]), np.zeros(len(begun)),
+        method="Nelder-Mead", options={"maxfev": 60 * len(begun), "xatol": 0.02, "fatol": 1e-4},
+    )  # fmt: skip
+    frequency, *ahead = begun + scale * found.x
+    return Rhythm(float(1.0 / frequency), (0.0, *(float(one % 1.0 / frequency) for one in ahead)))
+
+
+def _left(
+    recordings: Sequence[Needed], frequency: float, ahead: Sequence[float], scatter: float
+) -> np.ndarray:
+    """(bins of all recordings,) left by one series that all share, some of a period ahead in each."""
+    own = sum(one.offsets.shape[1] for one in recordings)
+    rows, begin = [], 0
+    resolved = int(0.5 / (frequency * max(one.time[1] - one.time[0] for one in recordings)))
+    for one, lead in zip(recordings, ahead, strict=True):
+        offsets = np.zeros((len(one.time), own))
+        offsets[:, begin : begin + one.offsets.shape[1]] = one.offsets
+        begin += one.offsets.shape[1]
+        series = _series(frequency * one.time + lead, min(_SHARED, resolved)) * one.lever[:, None]
+        rows.append(np.column_stack([series, offsets]))
+    columns, torque = np.concatenate(rows), np.concatenate([one.torque for one in recordings])
+    return torque - columns @ regressed(columns, torque, scatter)
+
+
+def _series(turns: np.ndarray, harmonics: int) -> np.ndarray:
+    """(places, 2 harmonics) cosines and sines at places in a period."""
+    angle = 2.0 * np.pi * turns[:, None] * np.arange(1, harmonics + 1)
+    return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
