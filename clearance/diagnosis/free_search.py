@@ -24,6 +24,7 @@ from clearance.diagnosis.missing_force import (
     effect_as_curves,
     free_form,
     refined,
+    unnamed,
 )
 from clearance.diagnosis.screening import shapes
 from clearance.diagnosis.search import ANNEALING, LOOSENESS, Attempt, explained
@@ -133,9 +134,9 @@ def refine_table(search: Search, explanation: Explanation, curve: Curve, coarse:
 
 
 def reshape(search: Search, explanation: Explanation) -> None:
-    """Let a force of free form take the place of a named effect that explains a part.
+    """Let a force of free form take the place of a named effect, where that explains more.
 
-    Something else that acts much like it, on the same body, may be in its place. The table begins as what
+    Something else that acts much like it, on the same body, may be there in truth. The table begins as what
     the effect does, on its paths, which are nearly right.
     """
     best = explanation.best
@@ -152,7 +153,7 @@ def reshape(search: Search, explanation: Explanation) -> None:
         values = np.array([[row[0], *curve.forces, row[-1]] for row in best.fit.values])
         search.report(f"  in its place, a function of {curve.argument}")
         search.refit(explanation, [hypothesis], best.followers, values, ANNEALING[3])
-        if explained(explanation.best):
+        if explained(explanation.best) and unnamed(explanation.best.hypotheses) is not None:
             return
 
 

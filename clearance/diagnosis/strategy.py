@@ -10,11 +10,12 @@ from clearance.diagnosis.from_motion import begin_balanced, begin_dimensions, be
 from clearance.diagnosis.geometry import suggest_channels
 from clearance.diagnosis.missing_force import Curve, unnamed
 from clearance.diagnosis.rattling import begin_guide
+from clearance.diagnosis.scrutiny import scrutinise
 from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.simplify import enlarge, prune
 from clearance.diagnosis.verdict import unsettled
 from clearance.diagnosis.wear import WORN
-from clearance.diagnosis.widen import deafen, glaring, look, scrutinise, settled, widen
+from clearance.diagnosis.widen import deafen, glaring, look, settled, widen
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
 _ROOM = 1.03  # misfit above which an effect that explains may have more parameters

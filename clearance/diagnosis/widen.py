@@ -1,7 +1,7 @@
 """Beside what was found so far: which hypotheses promise to explain more, and what comes of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,14 +9,10 @@ from clearance.diagnosis.explain import HALFWAY, NEARLY, Explanation, Search, be
 from clearance.diagnosis.follow import EDGE, Follower
 from clearance.diagnosis.growth import Start
 from clearance.diagnosis.hypothesis import Hypothesis
-from clearance.diagnosis.missing_force import unnamed
 from clearance.diagnosis.screening import Hint, screen
 from clearance.diagnosis.search import ANNEALING, EXPLAINED, FOLLOWED, POOR, Attempt, explained, refine
-from clearance.diagnosis.significance import SURE
 from clearance.diagnosis.suspicion import suspect
-from clearance.diagnosis.torn import rejoin_impacts
 from clearance.diagnosis.trace import Trace, profile
-from clearance.diagnosis.verdict import unsettled
 from clearance.errors import InputError
 
 _FITTED = 4  # hypotheses of one screening that are fitted
@@ -29,7 +25,6 @@ _SUSPECTED = 3  # faults of a channel that are fitted
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
 _LEFT = 0.5  # of what is missing beside a near path: more is left where no sensor is at fault
 _CLIPPED, _LOUD, _QUIET = 9.0, 3.0, 1.5  # squares of residuals; means of a channel that glares, of others
-_ONSET = 0.01  # of what a linear look promises, to begin with
 
 
 @dataclass(frozen=True)
@@ -88,55 +83,6 @@ def settled(search: Search, explanation: Explanation, base: Attempt) -> bool:
     return explained(best) or (further and nearly) or search.late()
 
 
-def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
-    """Look beside what explains the recordings for what is small but sure, until nothing is.
-
-    Where a linear look finds nothing that helps, impacts that are torn are asked. What is found beside the
-    nominal machine and says little of what is missing is not built on.
-
-    Args:
-        search: with its recordings.
-        explanation: added to.
-        most: effects that may be asserted together.
-    """
-    best = explanation.best
-    while explained(best) and len(best.hypotheses) < most and unnamed(best.hypotheses) is None:
-        if search.late():
-            return
-        found = screen(best, search.others(best), search.setting.joint, search.workers)
-        explanation.hints = explanation.hints or found.singles
-        sure = [replace(hint, values=_begun(hint)) for hint in found.singles if hint.gain > SURE]
-        _refit(search, explanation, best, sure)
-        if explanation.best is best:
-            _refit(search, explanation, best, rejoin_impacts(search, best))
-        _compare_kinds(search, explanation, best)
-        if explanation.best is best or (best is explanation.nominal and unsettled(explanation)):
-            return
-        best = explanation.best
-
-
-def _compare_kinds(search: Search, explanation: Explanation, base: Attempt) -> None:
-    """Where a fault of a sensor is best beside ``base``: its other kinds look alike in a linear look."""
-    added = explanation.best.hypotheses[len(base.hypotheses) :]
-    if len(added) != 1 or added[0].channel is None:
-        return
-    for hypothesis, values in _kinds(search, base, base.followers, added[0].channel):
-        if hypothesis.name == added[0].name or search.late():
-            return
-        held, rows = beside(base, [hypothesis], values)
-        search.refit(explanation, held, base.followers, rows, base.scale, 20)
-
-
-def _refit(search: Search, explanation: Explanation, base: Attempt, hints: Sequence[Hint]) -> None:
-    """Fit on the paths of ``base`` what is small but sure beside it."""
-    for hint in hints[:_FITTED]:
-        if search.late():
-            return
-        search.report(f"  {hint.label}: small but sure, {hint.gain:.4g}")
-        held, values = beside(base, hint.hypotheses, hint.values)
-        search.refit(explanation, held, base.followers, values, base.scale, 20)
-
-
 def glaring(base: Attempt) -> str | None:
     """The channel that alone contradicts an attempt, while the noise explains all others; else ``None``."""
     if base.scale > 1.0:  # paths that are smoothed contradict every channel
@@ -164,14 +110,14 @@ def deafen(search: Search, explanation: Explanation, base: Attempt, channel: str
     for follower, trace in zip(hearing, search.traces, strict=True):
         first = follower.measured.first - trace.measured.first
         follower.measured = trace.measured.part(first, first + follower.segments)
-    for hypothesis, added in _kinds(search, found, hearing, channel):
+    for hypothesis, added in kinds(search, found, hearing, channel):
         held, values = beside(found, [hypothesis], added)
         search.refit(explanation, held, hearing, values, ANNEALING[2])
         if explained(explanation.best):
             return
 
 
-def _kinds(
+def kinds(
     search: Search, base: Attempt, hearing: Sequence[Follower], channel: str
 ) -> list[tuple[Hypothesis, np.ndarray]]:
     """Faults that would turn a channel's signal on the paths of ``base`` into the recorded one, best first.
@@ -225,11 +171,3 @@ def unheard(search: Search, channel: str) -> tuple[list[Start], np.ndarray]:
     values = np.array([[clearance, trace.speed] for trace in traces])
     search.report(f"without {channel} the motion suggests a clearance of {clearance * 1e3:.3f} mm")
     return search.begin(traces, search.setting.model(), values), values
-
-
-def _begun(hint: Hint) -> np.ndarray:
-    """A hint's values, drawn back to where its effect has hardly begun."""
-    off = np.concatenate([h.off for h in hint.hypotheses])
-    shapes = np.concatenate([h.shapes for h in hint.hypotheses])
-    near = np.isfinite(off) & ~shapes
-    return np.where(near, off + _ONSET * (hint.values - np.where(near, off, 0.0)), hint.values)

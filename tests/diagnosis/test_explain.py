@@ -17,10 +17,10 @@ from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.missing_force import FREE_FORM, Curve, along, as_function_of, curve_over, refined
 from clearance.diagnosis.screening import Hint, _Column, _range
+from clearance.diagnosis.scrutiny import _begun, scrutinise
 from clearance.diagnosis.search import EXPLAINED, explained, whole
 from clearance.diagnosis.torn import rejoin_impacts
 from clearance.diagnosis.verdict import estimates
-from clearance.diagnosis.widen import _begun, scrutinise
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.film import SqueezeFilm

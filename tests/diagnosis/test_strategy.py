@@ -9,9 +9,10 @@ from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.elsewhere import _try_out, begin_plausible, begin_sure
 from clearance.diagnosis.explain import Explanation
 from clearance.diagnosis.hypothesis import Setting, gather
+from clearance.diagnosis.scrutiny import _compare_kinds
 from clearance.diagnosis.strategy import _enough, _search_all
 from clearance.diagnosis.verdict import unsettled
-from clearance.diagnosis.widen import _compare_kinds, glaring
+from clearance.diagnosis.widen import glaring
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.test_verdict import attempt
 
