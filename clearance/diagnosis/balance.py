@@ -37,7 +37,8 @@ from clearance.mechanism.drive import Drive, Free, Smooth, SpeedControl
 from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 
-_BALANCED = 3.0  # mean square in units of the scatter up to which nothing is missing here
+_BALANCED = 3.0  # mean square in units of the scatter up to which nothing need be missing here
+_QUIET = 1.2  # of it: up to which nothing can be told
 _TAKEN = 0.12  # of it: what an effect takes away at least for each of its sizes (wrong ones 0.06 for one)
 _FREE = 0.65  # likewise of a force of free form
 _BOTH = 0.4  # of what the better one of two leaves: they are suggested together
@@ -131,7 +132,7 @@ def suggest_forces(search: Search, setting: Setting, clearance: float) -> Sugges
     machine = setting.with_clearance(clearance)
     balance = _Balance(search, setting, machine, clearance)
     before = balance.fit((), np.zeros(0)).cost
-    if before < _BALANCED:
+    if before < _QUIET:
         return Suggested([], balanced=True)
     groups = [
         group
@@ -158,7 +159,7 @@ def suggest_forces(search: Search, setting: Setting, clearance: float) -> Sugges
         search.report(
             f"  the balance of work agrees with {one.label} = {shown}: {one.cost / before:.1%} are left"
         )
-    return Suggested(found, balanced=False)
+    return Suggested(found, balanced=before < _BALANCED and not found)
 
 
 def _priced(one: Balanced) -> float:

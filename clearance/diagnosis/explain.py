@@ -44,6 +44,7 @@ FAR = (
     20.0  # misfit from which on a linear look beside the path tells little, and what is right leaves far less
 )
 _LEFT = 0.3  # of what is missing beside a near path: what is right leaves less, but for torn impacts
+_AS_GOOD = 1.05  # times the best misfit: what explains and leaves no more has ended in its minimum
 _BETTER = 0.8  # of the base's misfit: a model that does not reach that beside its path, or with one recording
 _WORSE = 2.0  # of the best misfit so far: a model is given up that follows worse than that
 
@@ -363,10 +364,11 @@ class Search:
     ) -> Attempt | None:
         """Add an attempt to those that were made, unless it fails or was made before.
 
-        ``again``: though one with the same hypotheses explains.
+        ``again``: though one with the same hypotheses explains, and not clearly worse than the best one does.
         """
-        label = " + ".join(h.label for h in held)
-        if not again and any(a.label == label and explained(a) for a in explanation.attempts):
+        label, level = " + ".join(h.label for h in held), _AS_GOOD * explanation.best.misfit
+        made = [a for a in explanation.attempts if a.label == label and explained(a)]
+        if not again and any(a.misfit < level for a in made):
             return None
         try:
             found = self.finished.attempt(held, self.setting.model(held), make, self.workers)

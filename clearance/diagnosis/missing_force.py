@@ -19,6 +19,7 @@ from clearance.diagnosis.fit import Unknown
 from clearance.diagnosis.follow import EDGE, Follower
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.measured import Measured
+from clearance.diagnosis.regression import cost_of, regressed
 from clearance.diagnosis.stretch import INPUTS, Comparison, Pass
 from clearance.mechanism.applied_force import TabulatedForce, shares
 from clearance.mechanism.slider_crank import SliderCrank
@@ -28,8 +29,10 @@ _OUTLIER = 2.0  # of the scatter between neighbours, beyond which a segment coun
 _ITERATIONS = 8
 _CORRELATED = 3.0  # neighbouring segments that count as one
 _STRAIGHT = 0.1  # weight of a bend of the table beside a segment
-_HALF = 0.5  # of a force's variance: what leaves more of it is no function of an argument
+_HALF = 0.5  # of a force's robust square: what leaves more of it is no function of an argument
+_CERTAIN = 0.1  # of its size: no force is known better
 _TAILS = 0.005  # of the argument's values to each side that the curve does not reach
+_FRICTION = 0.3  # of a contact's force: what may act beside it
 _LINE = 2  # knots over a contact's force, far beyond which impacts are: nothing holds the bends of more
 KNOTS = 12
 """Of a curve that nobody has refined."""
@@ -269,7 +272,9 @@ def curve_over(values: np.ndarray, body: str, direction: str, argument: str) -> 
 
 
 def as_function_of(force: np.ndarray, values: np.ndarray, curve: Curve) -> tuple[Curve, float]:
-    """A force along a path as a function of an argument, and the share of its variance left out.
+    """A force along a path as a function of an argument, and the share of it left out, both robust.
+
+    What an effect does in a segment with an impact is no force that acts all along it.
 
     Args:
         force: (segments,) [N or N m].
@@ -279,8 +284,12 @@ def as_function_of(force: np.ndarray, values: np.ndarray, curve: Curve) -> tuple
     own = curve.shares(values)
     straight = _STRAIGHT * np.diff(np.eye(len(curve.knots)), 2, axis=0)
     rows, right = np.concatenate([own, straight]), np.concatenate([force, np.zeros(len(straight))])
-    forces = np.linalg.lstsq(rows, right, rcond=None)[0]
-    return replace(curve, forces=forces), float((force - own @ forces).var() / max(force.var(), 1e-300))
+    level = force - np.median(force)
+    size = float(np.median(np.abs(level)))
+    scatter = max(float(np.median(np.abs(np.diff(force)))), _CERTAIN * size, 1e-300)
+    forces = regressed(rows, right, scatter)
+    left = cost_of(force - own @ forces, scatter) / max(cost_of(level, scatter), 1e-300)
+    return replace(curve, forces=forces), left
 
 
 def along(curve: Curve, values: np.ndarray) -> np.ndarray:
@@ -320,7 +329,7 @@ def effect_as_curves(
         for one, follower in zip(passes, followers, strict=True)
     ]
     found = []
-    for argument in ARGUMENTS:
+    for argument in (one for one in ARGUMENTS if one != "time"):  # what a machine does knows no clock
         values = np.concatenate([one[argument] for one in each])
         curve, left = as_function_of(force, values, curve_over(values, *place, argument))
         if left < _HALF:
@@ -338,6 +347,8 @@ def free_form(curve: Curve, joint: str) -> Hypothesis:
     argument = curve.argument if curve.argument != "contact_force" else contact_force_of(joint)
     spacing = None if curve.repeats else float(curve.knots[1] - curve.knots[0])
     typical = float(max(np.abs(curve.forces).max(), 1e-3))
+    if curve.argument == "contact_force" and curve.direction not in ("torque", "moment"):
+        typical = max(typical, _FRICTION * float(curve.knots[-1]))  # beside impacts a line begins too flat
 
     def apply(machine: SliderCrank, values: np.ndarray) -> SliderCrank:
         law = TabulatedForce(

@@ -120,7 +120,10 @@ def _shape(hypothesis: Hypothesis, i: int) -> bool:
 
 
 def equivalents(explanation: Explanation) -> list[Attempt]:
-    """Attempts that cannot be told from the best one, itself first; not those that only add to it."""
+    """Attempts that cannot be told from the best one, itself first; not those that only add to it.
+
+    A force of free form can imitate a named one, and is no alternative to it.
+    """
     best = explanation.best
     if not explained(best):
         return [best]
@@ -131,6 +134,7 @@ def equivalents(explanation: Explanation) -> list[Attempt]:
         for a in explanation.attempts
         if a is not best
         and not a.withdrawn
+        and unnamed(a.hypotheses) is None
         and explained(a)
         and penalised(a) < limit
         and a.level < _WORSE * best.level

@@ -10,22 +10,32 @@ import pytest
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.elsewhere import begin_film, begin_plausible
 from clearance.diagnosis.everywhere import astray
-from clearance.diagnosis.explain import FAR
-from clearance.diagnosis.free_search import fit_curve, suggest_curve
+from clearance.diagnosis.explain import FAR, beside
+from clearance.diagnosis.free_search import fit_curve, reshape, suggest_curve
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
-from clearance.diagnosis.missing_force import FREE_FORM, Curve, along, as_function_of, curve_over, refined
+from clearance.diagnosis.missing_force import (
+    FREE_FORM,
+    Curve,
+    along,
+    as_function_of,
+    curve_over,
+    refined,
+    unnamed,
+)
 from clearance.diagnosis.screening import Hint, _Column, _range
 from clearance.diagnosis.scrutiny import _begun, scrutinise
 from clearance.diagnosis.search import EXPLAINED, explained, whole
 from clearance.diagnosis.torn import rejoin_impacts
-from clearance.diagnosis.verdict import estimates
+from clearance.diagnosis.verdict import equivalents, estimates
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.film import SqueezeFilm
+from clearance.mechanism.friction import Coulomb
 from clearance.mechanism.guide import StribeckGuide
 from clearance.mechanism.joint import Joint
+from clearance.mechanism.load import LinearSpring
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.channels import ACCELERATIONS
@@ -68,10 +78,10 @@ def search(clearance, names, **laws):
 
 
 @cache
-def cushioned(clearance, **joint):
+def within(clearance, names, **joint):
     """The same for a machine whose joint C has these laws."""
     made = replace(SETTING.machine, joint_c=Joint(clearance, **joint), drive=SpeedControl(RPM, ramp=0.05))
-    effects = load_effects(["joint_lubrication"], [])
+    effects = load_effects(list(names), [])
     found, explanation, _ = locate_joint([measured(made)], [SETTING], effects, SPEEDS, 1, lambda _: None)
     return found, explanation
 
@@ -163,6 +173,42 @@ def test_a_force_without_a_name_is_found_on_its_body_with_its_argument():
     assert best.fit.values[0, 0] == pytest.approx(1.5e-4, rel=5e-3)
 
 
+@pytest.mark.slow
+def test_friction_without_a_name_is_a_line_over_its_joints_force():
+    found, explanation = within(3e-4, ("gravity",), friction=Coulomb(0.2))
+    suggested, misfit = suggest_curve(found, explanation.nominal)
+    assert misfit < 0.1 * explanation.nominal.misfit
+    first = suggested[0]
+    assert (first.body, first.direction, first.argument) == ("joint_c", "tangential", "contact_force")
+    fit_curve(found, explanation, suggested)
+    assert explained(explanation.best)
+    slope = np.diff(explanation.best.fit.values[0, 1:-1]) / np.diff(first.knots)
+    assert slope == pytest.approx([0.2], rel=0.1)
+
+
+def test_a_table_over_a_contacts_force_is_a_line_that_goes_on():
+    curve = curve_over(np.linspace(0.0, 200.0, 50), "joint_c", "tangential", "contact_force")
+    straight = replace(curve, forces=0.2 * curve.knots)
+    np.testing.assert_allclose(along(straight, np.array([0.0, 90.0, 5000.0])), [0.2, 18.0, 1000.0], atol=0.3)
+    fine = refined(straight, "cubic")
+    np.testing.assert_allclose(along(fine, np.array([90.0, 5000.0])), [18.0, 1000.0], atol=0.3)
+
+
+@pytest.mark.slow
+def test_a_named_force_that_is_right_stands_against_a_table():
+    found, explanation = search(1.5e-4, ("slider_spring",), spring=LinearSpring(300.0, 0.11))
+    nominal = explanation.nominal
+    (hypothesis, *_) = found.groups["slider_spring(stiffness, free_position)"]
+    values = np.array([300.0, 0.11])
+    held, rows = beside(nominal, [hypothesis], values)
+    named = found.keep(explanation, held, lambda: found.follow_anew(held, nominal, rows, np.inf))
+    assert explained(named)
+    reshape(found, explanation)
+    assert any(unnamed(a.hypotheses) is not None for a in explanation.attempts), "a table was tried"
+    assert explanation.best.label == named.label
+    assert equivalents(explanation) == [explanation.best]
+
+
 def test_a_small_effect_begins_where_it_has_hardly_begun():
     effects = load_effects(["contact_stiffness", "torque_ripple"], [])
     groups = gather(effects, SETTING.with_clearance(3e-4), "C", ())
@@ -187,7 +233,7 @@ def test_a_force_is_written_as_a_function_of_what_it_depends_on():
 
 @pytest.mark.slow
 def test_a_film_is_found_where_it_makes_the_gap_look_small():
-    found, explanation = cushioned(7e-4, film=SqueezeFilm(damping=1.0))
+    found, explanation = within(7e-4, ("joint_lubrication",), film=SqueezeFilm(damping=1.0))
     assert explanation.nominal.fit.values[0, 0] < 0.7 * found.profile.best
     begin_film(found, explanation)
     assert explained(explanation.best)
@@ -198,7 +244,7 @@ def test_a_film_is_found_where_it_makes_the_gap_look_small():
 
 @pytest.mark.slow
 def test_a_film_is_found_where_the_gap_looks_right_and_the_path_is_near():
-    found, explanation = cushioned(1.2e-4, film=SqueezeFilm(damping=0.3))
+    found, explanation = within(1.2e-4, ("joint_lubrication",), film=SqueezeFilm(damping=0.3))
     nominal = explanation.nominal
     assert not astray(nominal.fit.values[0, 0], found.profile.best)
     assert EXPLAINED < nominal.misfit < FAR

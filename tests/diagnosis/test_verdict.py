@@ -9,7 +9,7 @@ from clearance.diagnosis import verdict
 from clearance.diagnosis.explain import Explanation, Rails
 from clearance.diagnosis.fit import Fit, Model, Unknown
 from clearance.diagnosis.hypothesis import Setting
-from clearance.diagnosis.missing_force import Curve, free_form
+from clearance.diagnosis.missing_force import FREE_FORM, Curve, free_form
 from clearance.diagnosis.search import Attempt
 from clearance.diagnosis.verdict import (
     Estimate,
@@ -48,6 +48,8 @@ def attempt(names, misfit, kind="physics", off=0.0):
         (50.0, [attempt(["gravity"], 1.0)], "physics"),
         (50.0, [attempt(["gravity"], 20.0)], "unknown"),
         (50.0, [attempt(["gravity"], 1.0), attempt(["guide_friction"], 1.0005)], "ambiguous"),
+        (50.0, [attempt(["gravity"], 1.0), attempt([FREE_FORM], 1.0005)], "physics"),
+        (50.0, [attempt(["gravity"], 1.1), attempt([FREE_FORM], 1.0)], "unknown"),
         (50.0, [attempt(["sensor_gain"], 1.0, "instrument")], "instrument"),
     ],
 )
