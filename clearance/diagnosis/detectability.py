@@ -14,12 +14,12 @@ import numpy as np
 from numba import njit
 
 from clearance.diagnosis.effect import Effect
-from clearance.diagnosis.fit import Model
 from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.instrument import sensitivity as derivative
 from clearance.diagnosis.measured import REACH, SAMPLES, Measured, filter_weights
+from clearance.diagnosis.model import Model
 from clearance.diagnosis.stretch import Pass
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank

@@ -7,10 +7,10 @@ import numpy as np
 from clearance.diagnosis.balance import DRIVE
 from clearance.diagnosis.everywhere import astray, fit_everywhere, start_with
 from clearance.diagnosis.explain import FAR, Explanation, Search, beside, enough
-from clearance.diagnosis.fit import Model
 from clearance.diagnosis.geometry import GEOMETRIC, LOOSE_GUIDE
 from clearance.diagnosis.growth import Followed, grow
 from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.diagnosis.model import Model
 from clearance.diagnosis.search import EXPLAINED, POOR, Attempt, explained
 from clearance.diagnosis.significance import SURE
 from clearance.diagnosis.verdict import unsettled

@@ -7,10 +7,10 @@ import numpy as np
 
 from clearance.diagnosis.balance import DRIVE
 from clearance.diagnosis.explain import HALFWAY, Search
-from clearance.diagnosis.fit import Model
 from clearance.diagnosis.geometry import GEOMETRIC, LOOSE_GUIDE
 from clearance.diagnosis.growth import Start
 from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.diagnosis.model import Model
 from clearance.diagnosis.search import LOOSENESS, Attempt, explained
 
 _LOOKS = 3  # at all recordings

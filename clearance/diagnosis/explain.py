@@ -10,12 +10,12 @@ import numpy as np
 
 from clearance.diagnosis.clipping import clipped_sensors
 from clearance.diagnosis.finished import Finished, kept_in
-from clearance.diagnosis.fit import Model
 from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.growth import Followed, Start, grow, scale_of
 from clearance.diagnosis.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.measured import NO_FAULT, Measured
+from clearance.diagnosis.model import Model
 from clearance.diagnosis.rhythm import Rhythm
 from clearance.diagnosis.screening import Hint
 from clearance.diagnosis.search import (

@@ -18,11 +18,12 @@ import numpy as np
 
 import clearance
 from clearance.diagnosis import follow
-from clearance.diagnosis.fit import Model, fit
+from clearance.diagnosis.fit import fit
 from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.growth import Followed, Start
 from clearance.diagnosis.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.measured import Measured
+from clearance.diagnosis.model import Model
 from clearance.diagnosis.reconstruction import Reconstruction
 from clearance.diagnosis.search import COARSE, FINE, Attempt
 from clearance.diagnosis.trace import Alignment, Profile, Trace

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clearance.diagnosis.explain import Explanation, Search, beside
-from clearance.diagnosis.fit import Model, Settled, fit, settle
+from clearance.diagnosis.fit import Settled, fit, settle
 from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.growth import grow
 from clearance.diagnosis.missing_force import (
@@ -26,6 +26,7 @@ from clearance.diagnosis.missing_force import (
     refined,
     unnamed,
 )
+from clearance.diagnosis.model import Model
 from clearance.diagnosis.screening import shapes
 from clearance.diagnosis.search import ANNEALING, LOOSENESS, Attempt, explained
 from clearance.diagnosis.widen import look

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clearance.diagnosis.fit import Model, Settled, settle
+from clearance.diagnosis.fit import Settled, settle
 from clearance.diagnosis.follow import EDGE, Follower
 from clearance.diagnosis.horizon import AHEAD, advance
+from clearance.diagnosis.model import Model
 from clearance.diagnosis.search import ANNEALING, FOLLOWED, tightened
 from clearance.diagnosis.trace import Trace
 

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clearance.diagnosis.fit import Model, settle
+from clearance.diagnosis.fit import settle
 from clearance.diagnosis.follow import EDGE, Follower
+from clearance.diagnosis.model import Model
 from clearance.diagnosis.particles import DOUBT, FRESH, Lost, rejoin
 
 AHEAD = 2  # segments that are predicted beyond a new one

@@ -7,8 +7,8 @@ from math import isfinite
 import numpy as np
 
 from clearance.diagnosis.effect import Effect
-from clearance.diagnosis.fit import Model, Unknown
 from clearance.diagnosis.instrument import Instrument
+from clearance.diagnosis.model import Model, Unknown
 from clearance.errors import InputError
 from clearance.mechanism.drive import Drive, SpeedControl
 from clearance.mechanism.joint import CLEARANCE_RANGE

@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clearance.diagnosis.fit import Unknown
 from clearance.diagnosis.follow import EDGE, Follower
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.measured import Measured
+from clearance.diagnosis.model import Unknown
 from clearance.diagnosis.regression import cost_of, regressed
 from clearance.diagnosis.stretch import INPUTS, Comparison, Pass
 from clearance.mechanism.applied_force import TabulatedForce, shares

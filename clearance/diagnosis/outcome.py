@@ -13,13 +13,13 @@ from clearance.diagnosis.balance import find_clock
 from clearance.diagnosis.effect import Effect
 from clearance.diagnosis.evidence import gather_evidence
 from clearance.diagnosis.explain import PATIENCE, Explanation, Search
-from clearance.diagnosis.fit import Model, Unknown
 from clearance.diagnosis.follow import STRUCTURE
 from clearance.diagnosis.geometry import LOOSE_GUIDE
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.mismatch import Innovations, innovations, interval, root_mean_square, summary
+from clearance.diagnosis.model import Model, Unknown
 from clearance.diagnosis.rattling import fit_rattling
 from clearance.diagnosis.search import ANNEALING, Attempt, explained, refine
 from clearance.diagnosis.significance import p_value

@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from clearance.diagnosis.chart import Chart
-from clearance.diagnosis.fit import Model, settle
+from clearance.diagnosis.fit import settle
 from clearance.diagnosis.follow import EDGE, Follower
 from clearance.diagnosis.instrument import Instrument
+from clearance.diagnosis.model import Model
 from clearance.diagnosis.stretch import Path
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank

@@ -15,11 +15,12 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from clearance.diagnosis.explain import Explanation, Rails, Search, beside
-from clearance.diagnosis.fit import Model, settle
+from clearance.diagnosis.fit import settle
 from clearance.diagnosis.geometry import suggest_guide
 from clearance.diagnosis.growth import BEFORE, ISLAND, TORN, Followed, Start, grow, landed, scale_of
 from clearance.diagnosis.horizon import step
 from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.diagnosis.model import Model
 from clearance.diagnosis.particles import Found, ways_on
 from clearance.diagnosis.search import LOOSENESS, POOR, Attempt, refine
 from clearance.diagnosis.trace import Trace

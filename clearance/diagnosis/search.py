@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clearance.diagnosis.fit import Fit, Model, fit
+from clearance.diagnosis.fit import Fit, fit
 from clearance.diagnosis.follow import EDGE, TIGHT, Follower
 from clearance.diagnosis.horizon import islands, mend
 from clearance.diagnosis.hypothesis import Hypothesis
+from clearance.diagnosis.model import Model
 from clearance.simulation.integrator import Integrator
 
 ANNEALING = (100.0, 31.6, 10.0, 3.16, 1.0)  # factors on the noise while a guess is far from a solution

@@ -9,12 +9,13 @@ import pytest
 
 from clearance.compilation import entry
 from clearance.diagnosis.chart import Chart
-from clearance.diagnosis.fit import Model, Unknown, assemble, fit, solve_bounded
+from clearance.diagnosis.fit import assemble, fit, solve_bounded
 from clearance.diagnosis.follow import EDGE, Follower
 from clearance.diagnosis.growth import BEFORE, ISLAND, landed
 from clearance.diagnosis.horizon import advance, islands, step
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.measured import NO_FAULT, SAMPLES, Measured
+from clearance.diagnosis.model import Model, Unknown
 from clearance.diagnosis.particles import ways_on
 from clearance.diagnosis.stretch import INPUTS
 from clearance.errors import InputError

@@ -7,9 +7,10 @@ import pytest
 
 from clearance.diagnosis import verdict
 from clearance.diagnosis.explain import Explanation, Rails
-from clearance.diagnosis.fit import Fit, Model, Unknown
+from clearance.diagnosis.fit import Fit
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.missing_force import FREE_FORM, Curve, free_form
+from clearance.diagnosis.model import Model, Unknown
 from clearance.diagnosis.search import Attempt
 from clearance.diagnosis.verdict import (
     Estimate,
