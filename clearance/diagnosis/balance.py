@@ -29,6 +29,7 @@ from clearance.diagnosis.missing_force import KNOTS, Curve, curve_over, free_for
 from clearance.diagnosis.reconstruction import reconstruct
 from clearance.diagnosis.regression import cost_of, regressed
 from clearance.diagnosis.rhythm import Needed, Rhythm, find_rhythm
+from clearance.diagnosis.rigid_motion import counts
 from clearance.diagnosis.trace import CLEARANCES, COMPARED, Alignment, agreement, loose
 from clearance.diagnosis.turning import Turning, answer, binned
 from clearance.errors import InputError
@@ -41,6 +42,7 @@ _BALANCED = 3.0  # mean square in units of the scatter up to which nothing need 
 _QUIET = 1.2  # of it: up to which nothing can be told
 _TAKEN = 0.12  # of it: what an effect takes away at least for each of its sizes (wrong ones 0.06 for one)
 _FREE = 0.65  # likewise of a force of free form
+_CLOCKED = 0.45  # of one over time: in a short recording a turn of the crank is a period, too
 _BOTH = 0.4  # of what the better one of two leaves: they are suggested together
 _PROMISING = 0.9  # of the imbalance: what leaves less may be one of two
 _FIRST = 2  # single effects beside which a second one is looked for
@@ -113,7 +115,9 @@ class Suggested:
     balanced: bool
 
 
-def suggest_forces(search: Search, setting: Setting, clearance: float) -> Suggested | None:
+def suggest_forces(
+    search: Search, setting: Setting, clearance: float, named: bool = False
+) -> Suggested | None:
     """What would give the torque that the motion needs and a machine lacks.
 
     Returns:
@@ -123,6 +127,7 @@ def suggest_forces(search: Search, setting: Setting, clearance: float) -> Sugges
         search: with its alignments.
         setting: the machine.
         clearance: of its joint [m].
+        named: whether only effects with a name are wanted.
 
     Raises:
         LinAlgError: a linkage that does not turn.
@@ -150,9 +155,10 @@ def suggest_forces(search: Search, setting: Setting, clearance: float) -> Sugges
             if pair is not None and pair.cost < _BOTH * min(first.cost, other.cost):
                 pairs.append(pair)
     found = [one for one in [*singles, *pairs] if one.cost < (1.0 - _TAKEN * one.sizes) * before]
-    found += balance.tables(_FREE * before)
-    if min((one.cost for one in found), default=before) > _RHYTHM * before:
-        found += balance.rhythms(_FREE * before)
+    if not named:
+        found += balance.tables(_FREE * before)
+        if min((one.cost for one in found), default=before) > _RHYTHM * before and not search.late():
+            found += balance.rhythms(_CLOCKED * before)
     found.sort(key=_priced)
     for one in found[:_SHOWN]:
         shown = ", ".join(f"{value:.3g}" for value in one.values)
@@ -175,12 +181,13 @@ def settle_in(search: Search, setting: Setting, one: Balanced) -> Balanced:
     """The same, when clearance and path have been sought anew with the loads that it puts on the links.
 
     Where the slider is pushed, the journal lies elsewhere than the nominal machine's motion would have it.
+    The reconstruction knows no clock: with a force over time it stays as it is.
 
     Raises:
         InputError: a law does not take the values.
         LinAlgError: a linkage that does not turn.
     """
-    if all(hypothesis.body == "crank" for hypothesis in one.hypotheses):
+    if one.rhythm is not None or all(hypothesis.body == "crank" for hypothesis in one.hypotheses):
         return one
 
     model, asked = setting.model(one.hypotheses), search.alignments[0].speed * 30.0 / pi
@@ -203,7 +210,7 @@ def settle_in(search: Search, setting: Setting, one: Balanced) -> Balanced:
     again = [balance.fit(one.hypotheses, one.values)]
     if one.hypotheses[0].name == _EDGED and len(one.hypotheses) == 1:  # its edges may have been met wrongly
         again += [other for other in [balance.best(one.hypotheses)] if other is not None]
-    return replace(min(again, key=lambda other: other.cost), curve=one.curve, rhythm=one.rhythm)
+    return replace(min(again, key=lambda other: other.cost), curve=one.curve)
 
 
 def find_clock(measured: Measured, known: Alignment, machine: SliderCrank) -> float:
@@ -230,13 +237,22 @@ def find_clock(measured: Measured, known: Alignment, machine: SliderCrank) -> fl
 
     scatter = _scatter([beyond])
     period = float(machine.parameters()[Parameter.TABLE_PERIOD])
-    clocks = np.arange(_CLOCKS) / _CLOCKS * period
-    return float(min(clocks, key=lambda clock: cost_of(left(clock), scatter)))
+    step = period / _CLOCKS
+    near = min(step * np.arange(_CLOCKS), key=lambda clock: cost_of(left(clock), scatter))
+    found = minimize_scalar(
+        lambda clock: cost_of(left(clock), scatter), method="bounded", bounds=(near - step, near + step),
+        options={"maxiter": _CLOSER},
+    )  # fmt: skip
+    return float(found.x % period)
 
 
 def _beyond(machine: SliderCrank, turning: Turning) -> np.ndarray:
-    """(bins,) torque that the play of the journals needs beyond the ideal motion of bare links [N m]."""
-    inertia, acceleration = answer(replace(machine, drive=Free(), ripple=Smooth(), force=NoForce()), turning)
+    """(bins,) torque that the play of the journals needs beyond the ideal motion [N m].
+
+    Loads that the reconstruction counted are part of that motion; the drive and other tables are not.
+    """
+    counted = machine.force if counts(machine.parameters()) else NoForce()
+    inertia, acceleration = answer(replace(machine, drive=Free(), ripple=Smooth(), force=counted), turning)
     return binned(turning.torque - inertia * (turning.acceleration - acceleration))
 
 
@@ -311,6 +327,8 @@ class _Balance:
                 for torque, own, turning in parts
             ]  # fmt: skip
             rhythm = find_rhythm(needed, self.scatter)
+            if rhythm is None:
+                continue
             clocked = copy(self)
             clocked.turnings = [
                 replace(turning, begin=turning.begin + clock)

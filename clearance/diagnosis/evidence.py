@@ -42,7 +42,7 @@ def gather_evidence(
     best, nominal, setting = explanation.best, explanation.nominal, search.setting
     body = best.hypotheses[0].body if best.hypotheses else ""
     clearance, speed = best.fit.values[0, [0, -1]]
-    curve = free_form_of(best, setting, [one.clock for one in search.recordings])
+    curve = free_form_of(best, setting)
     judged = innovations(after, setting.joint)
     return {
         "where": locate(errors, innovations(best, setting.joint)),

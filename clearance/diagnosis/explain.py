@@ -1,8 +1,9 @@
 """From recordings to an explanation: nominal first, then one, two or three hypotheses beside it."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -391,20 +392,28 @@ class Search:
         values: np.ndarray,
         scale: float,
         iterations: int = 8,
+        again: bool = False,
     ) -> Attempt | None:
         """Fit hypotheses on paths that are nearly right, from a scale of the noise on; keep the attempt."""
         model = self.setting.model(held)
         return self.keep(
             explanation, held,
-            lambda: refine(held, model, followers, values, scale, iterations, self.workers),
+            lambda: refine(held, model, followers, values, scale, iterations, self.workers), again,
         )  # fmt: skip
 
-    def keep_time(self, rhythm: Rhythm) -> None:
-        """From here on recordings are followed by a clock that they share, for a period at least."""
-        self.recordings = [
-            replace(one, clock=clock, period=rhythm.period)
-            for one, clock in zip(self.recordings, rhythm.clocks, strict=True)
-        ]
+    @contextmanager
+    def timed(self, rhythm: Rhythm | None) -> Iterator[None]:
+        """Within it paths are sought by a clock that recordings share, for a period at least."""
+        before = self.recordings
+        if rhythm is not None:
+            self.recordings = [
+                replace(one, clock=clock, period=rhythm.period)
+                for one, clock in zip(before, rhythm.clocks, strict=True)
+            ]
+        try:
+            yield
+        finally:
+            self.recordings = before
 
     def _retrace_all(self, clearance: float) -> None:
         """Go on with a clearance [m]: the paths of all recordings."""

@@ -10,6 +10,7 @@ import hashlib
 import re
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import TypeVar
@@ -181,6 +182,7 @@ class Finished:
             packed[f"{i} place"] = np.array([r, measured.first - self.recordings[r].first])
             packed[f"{i} nodes"], packed[f"{i} inputs"] = follower.path.nodes, follower.path.inputs
             packed[f"{i} sigma"] = follower.input_sigma
+            packed[f"{i} clock"] = np.array([measured.clock, measured.period])
             packed[f"{i} fine"] = np.array(follower.integrator == FINE)
         return packed
 
@@ -189,7 +191,9 @@ class Finished:
         while (key := f"{len(followers)} ") + "place" in kept:
             r, first = map(int, kept[f"{key}place"])
             nodes = kept[f"{key}nodes"]
-            measured = self.recordings[r].part(first, first + len(nodes))
+            clock, period = map(float, kept[f"{key}clock"])
+            whole = replace(self.recordings[r], clock=clock, period=period)
+            measured = whole.part(first, first + len(nodes))
             integrator = FINE if kept[f"{key}fine"] else COARSE
             follower = Follower(measured, integrator, kept[f"{key}sigma"])
             follower.path = follow.Path(nodes, kept[f"{key}inputs"])

@@ -38,7 +38,7 @@ _STEPS = 6  # of a trial beside the base's path
 _LESS = 0.8  # of what the base leaves at that scale: a curve that leaves more is not followed with
 _FOLLOWED = 3  # of the curves tried at a time, with which a recording is followed
 _FITTED = 2  # arguments whose tables are fitted to all recordings
-_SAID = 0.1  # of a force's variance that may be left where it is a function of another argument
+_SAID = 0.2  # of a force's robust square that may be left where it is a function of another argument
 _NAMED = 3  # named effects that are tried in the place of a table
 _PART = 0.3  # of the base's misfit: a direction that leaves less is not doubted any more
 
@@ -134,13 +134,12 @@ def refine_table(search: Search, explanation: Explanation, curve: Curve, coarse:
             return
 
 
-def reshape(search: Search, explanation: Explanation) -> None:
+def reshape(search: Search, explanation: Explanation, best: Attempt) -> None:
     """Let a force of free form take the place of a named effect, where that explains more.
 
     Something else that acts much like it, on the same body, may be there in truth. The table begins as what
     the effect does, on its paths, which are nearly right.
     """
-    best = explanation.best
     place = (best.hypotheses[0].body, best.hypotheses[0].direction)
     if best.scale > ANNEALING[3] or len(best.hypotheses) > 1 or place not in PLACES:
         return
@@ -153,7 +152,7 @@ def reshape(search: Search, explanation: Explanation) -> None:
         hypothesis = free_form(curve, joint)
         values = np.array([[row[0], *curve.forces, row[-1]] for row in best.fit.values])
         search.report(f"  in its place, a function of {curve.argument}")
-        search.refit(explanation, [hypothesis], best.followers, values, ANNEALING[3])
+        search.refit(explanation, [hypothesis], best.followers, values, ANNEALING[3], again=True)
         if explained(explanation.best) and unnamed(explanation.best.hypotheses) is not None:
             return
 

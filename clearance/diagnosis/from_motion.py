@@ -38,20 +38,16 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
         if names in known:
             continue
         known.append(names)
-        recordings = search.recordings
-        if one.rhythm is not None:
-            search.keep_time(one.rhythm)
         try:
             settled = settle_in(search, search.setting, one)
         except (InputError, np.linalg.LinAlgError):
             continue
         shown = ", ".join(f"{value:.4g}" for value in settled.values)
         search.report(f"  {one.label} = {shown} goes with a clearance of {settled.clearance * 1e3:.3f} mm")
-        found = _fit(
-            search, explanation, nominal, one.hypotheses, settled.values, settled.clearance, anew=True
-        )
-        if found is None and one.rhythm is not None:
-            search.recordings = recordings
+        with search.timed(one.rhythm):
+            found = _fit(
+                search, explanation, nominal, one.hypotheses, settled.values, settled.clearance, anew=True
+            )
         table = one.curve
         if found is not None and table is not None and len(table.knots) <= KNOTS and not explained(found):
             refine_table(search, explanation, table, found)
@@ -86,11 +82,10 @@ def begin_dimensions(search: Search, explanation: Explanation, channels: Mapping
         else:
             setting = replace(search.setting, machine=one.hypothesis.apply(search.setting.machine, size))
             try:
-                suggested = suggest_forces(search, setting, one.clearance)
-                named = [force for force in suggested.forces if force.curve is None] if suggested else []
-                if not named:
+                suggested = suggest_forces(search, setting, one.clearance, named=True)
+                if suggested is None or not suggested.forces:
                     continue
-                force = settle_in(search, setting, named[0])
+                force = settle_in(search, setting, suggested.forces[0])
             except (InputError, np.linalg.LinAlgError):
                 continue
             more, values, clearance = force.hypotheses, force.values, force.clearance

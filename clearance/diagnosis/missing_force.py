@@ -30,7 +30,7 @@ _ITERATIONS = 8
 _CORRELATED = 3.0  # neighbouring segments that count as one
 _STRAIGHT = 0.1  # weight of a bend of the table beside a segment
 _HALF = 0.5  # of a force's robust square: what leaves more of it is no function of an argument
-_CERTAIN = 0.1  # of its size: no force is known better
+_CERTAIN, _STRONG = 0.1, 0.9  # of its size: no force is known better; quantile that tells this size
 _TAILS = 0.005  # of the argument's values to each side that the curve does not reach
 _FRICTION = 0.3  # of a contact's force: what may act beside it
 _LINE = 2  # knots over a contact's force, far beyond which impacts are: nothing holds the bends of more
@@ -285,7 +285,7 @@ def as_function_of(force: np.ndarray, values: np.ndarray, curve: Curve) -> tuple
     straight = _STRAIGHT * np.diff(np.eye(len(curve.knots)), 2, axis=0)
     rows, right = np.concatenate([own, straight]), np.concatenate([force, np.zeros(len(straight))])
     level = force - np.median(force)
-    size = float(np.median(np.abs(level)))
+    size = float(np.quantile(np.abs(level), _STRONG) or np.abs(level).max())
     scatter = max(float(np.median(np.abs(np.diff(force)))), _CERTAIN * size, 1e-300)
     forces = regressed(rows, right, scatter)
     left = cost_of(force - own @ forces, scatter) / max(cost_of(level, scatter), 1e-300)

@@ -113,7 +113,7 @@ def diagnose(
         say("interrupted: what was found so far is judged and written; once more ends it at once")
     withdraw(explanation)
     search.report("judging on held-out recordings")
-    held_out = [clocked(one, search, explanation.best) for one in held_out]
+    held_out = [_clocked(one, search, explanation.best) for one in held_out]
     best, nominal = explanation.best, explanation.nominal
     after = _held_out(held_out, search, best)
     before_attempt = _held_out(held_out, search, nominal, after) if best is not nominal else after
@@ -142,7 +142,7 @@ def diagnose(
         "effects": named,
         "equivalent": [[h.name for h in a.hypotheses] for a in others] if len(others) > 1 else [],
         "next_experiment": _next_experiment(others, recordings),
-        "free_form": free_form_of(best, setting, [one.clock for one in search.recordings]),
+        "free_form": free_form_of(best, setting),
         "fit": fit,
         "clearance": {
             "joint": joint, "misfit_by_joint": joints, "before_m": float(nominal.fit.values[0, 0]),
@@ -227,19 +227,18 @@ def _held_out(
     return found
 
 
-def clocked(measured: Measured, search: Search, attempt: Attempt) -> Measured:
-    """A recording that was held out, by the clock that the fitted ones share, if they share one.
+def _clocked(measured: Measured, search: Search, attempt: Attempt) -> Measured:
+    """A recording that was held out, by the clock of an attempt's force over time, if it has one.
 
     The rest of a fitted recording goes on by its clock; another one's is found by the balance of work.
     """
-    if not search.recordings[0].period:
-        return measured
-    period = search.recordings[0].period
-    own = [one.clock for one in search.recordings if one.name == measured.name]
     machine = attempt.model.machine(attempt.fit.values[0])
-    if not own and isinstance(machine.force, TabulatedForce) and machine.force.period is not None:
+    if not isinstance(machine.force, TabulatedForce) or machine.force.period is None:
+        return measured
+    own = [f.measured.clock for f in attempt.followers if f.measured.name == measured.name]
+    if not own:
         own = [find_clock(measured, aligned(measured, machine, _speeds(search)), machine)]
-    return replace(measured, clock=own[0], period=period) if own else measured
+    return replace(measured, clock=own[0], period=machine.force.period)
 
 
 def _speeds(search: Search) -> tuple[float, float]:

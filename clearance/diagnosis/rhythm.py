@@ -17,8 +17,9 @@ from scipy.optimize import minimize
 
 from clearance.diagnosis.regression import cost_of, regressed
 
-_FASTEST = 120.0  # Hz
-_LONGEST = 0.6  # of the longest recording: what comes once is no rhythm
+_FASTEST, _RESOLVED = 120.0, 0.33  # Hz, and of the rate of the bins
+_WITHIN, _LONGER = 1000, 3000  # bins of each recording that find the period, and that settle it
+_LONGEST = 0.5  # of the longest recording: what comes once is no rhythm
 _COARSE, _FINE, _SHARED = 3, 6, 12  # harmonics that find the period, tell it from others, and settle it
 _FINER = 12.0  # steps of the frequency in one over the longest recording
 _CLOSER = 6  # frequencies that are looked at closely
@@ -31,7 +32,7 @@ class Needed:
     """What one recording lacks, and through which lever the force sought would give it.
 
     Attributes:
-        time: (bins,) since the recording began [s].
+        time: (bins,) by the recording's own clock [s].
         lever: (bins,) generalised force for a unit of the force sought.
         torque: (bins,) needed [N m].
         offsets: (bins, offsets) torques that are not known anyway.
@@ -42,6 +43,10 @@ class Needed:
     torque: np.ndarray
     offsets: np.ndarray
 
+    def part(self, bins: int) -> "Needed":
+        """Its first bins alone."""
+        return Needed(self.time[:bins], self.lever[:bins], self.torque[:bins], self.offsets[:bins])
+
 
 @dataclass(frozen=True)
 class Rhythm:
@@ -51,14 +56,19 @@ class Rhythm:
     clocks: tuple[float, ...]
 
 
-def find_rhythm(recordings: Sequence[Needed], scatter: float) -> Rhythm:
+def find_rhythm(recordings: Sequence[Needed], scatter: float) -> Rhythm | None:
     """The period with which a force explains most of what recordings lack, and their clocks.
+
+    ``None`` where they are too short for any.
 
     Args:
         recordings: what each lacks.
         scatter: of a bin [N m].
     """
+    settling = [one.part(_LONGER) for one in recordings]
+    recordings = [one.part(_WITHIN) for one in recordings]
     longest = max(float(np.ptp(one.time)) for one in recordings)
+    apart_from = float(np.diff(recordings[0].time[:2])[0])
 
     def apart(frequency: float, harmonics: int) -> float:
         left = [one.torque - columns @ found for one, columns, found in _each(frequency, harmonics)]
@@ -66,40 +76,50 @@ def find_rhythm(recordings: Sequence[Needed], scatter: float) -> Rhythm:
 
     def _each(frequency: float, harmonics: int) -> list[tuple[Needed, np.ndarray, np.ndarray]]:
         each = []
+        resolved = min(harmonics, int(0.5 / (frequency * apart_from)))
         for one in recordings:
-            columns = np.column_stack(
-                [_series(frequency * one.time, harmonics) * one.lever[:, None], one.offsets]
-            )
+            series = _series(frequency * one.time, resolved)
+            columns = np.column_stack([series * one.lever[:, None], one.lever, one.offsets])
             each.append((one, columns, regressed(columns, one.torque, scatter)))
         return each
 
     step = 1.0 / (_FINER * longest)
-    frequencies = np.arange(1.0 / (_LONGEST * longest), _FASTEST, step)
+    fastest = min(_FASTEST, _RESOLVED / apart_from)
+    frequencies = np.arange(1.0 / (_LONGEST * longest), fastest, step)
+    if not len(frequencies):
+        return None
     costs = np.array([apart(f, _COARSE) for f in frequencies])
     dips = [i for i in np.argsort(costs) if costs[i] <= costs[max(i - 1, 0) : i + 2].min()][:_CLOSER]
     near = frequencies[dips][:, None] + step * np.linspace(-1.0, 1.0, 9)
     closer = {float(f): apart(f, _FINE) for f in near.ravel()}
     best = min(closer, key=lambda f: closer[f])
     for multiple in range(_MULTIPLE, 1, -1):
-        if multiple * best < _FASTEST and apart(multiple * best, _FINE) < _NO_WORSE * closer[best]:
+        if multiple * best < fastest and apart(multiple * best, _FINE) < _NO_WORSE * closer[best]:
             best *= multiple
             break
     # each recording's own series, against that of the first one
     places = np.arange(_TURNS) / _TURNS
-    profiles = [_series(places, _FINE) @ found[: 2 * _FINE] for _, _, found in _each(best, _FINE)]
+    profiles = []
+    for one, columns, found in _each(best, _FINE):
+        count = columns.shape[1] - 1 - one.offsets.shape[1]
+        profiles.append(_series(places, count // 2) @ found[:count])
     ahead = [
         int(np.argmax([np.roll(profile, k) @ profiles[0] for k in range(_TURNS)])) / _TURNS
         for profile in profiles[1:]
     ]
 
     def together(frequency: float, ahead: np.ndarray) -> float:
-        return cost_of(_left(recordings, frequency, [0.0, *ahead], scatter), scatter)
+        return cost_of(_left(settling, frequency, [0.0, *ahead], scatter), scatter)
 
     scale = np.array([step, *[1.0 / _TURNS] * len(ahead)])
     begun = np.array([best, *ahead])
     found = minimize(
         lambda x: together(best + scale[0] * x[0], begun[1:] + scale[1:] * x[1:]), np.zeros(len(begun)),
-        method="Nelder-Mead", options={"maxfev": 60 * len(begun), "xatol": 0.02, "fatol": 1e-4},
+        method="Nelder-Mead",
+        options={
+            "maxfev": 60 * len(begun), "xatol": 0.02, "fatol": 1e-4,
+            "initial_simplex": np.vstack([np.zeros(len(begun)), np.eye(len(begun))]),
+        },
     )  # fmt: skip
     frequency, *ahead = begun + scale * found.x
     return Rhythm(float(1.0 / frequency), (0.0, *(float(one % 1.0 / frequency) for one in ahead)))
@@ -109,11 +129,12 @@ def _left(
     recordings: Sequence[Needed], frequency: float, ahead: Sequence[float], scatter: float
 ) -> np.ndarray:
     """(bins of all recordings,) left by one series that all share, some of a period ahead in each."""
-    own = sum(one.offsets.shape[1] for one in recordings)
-    rows, begin = [], 0
+    own = 1 + sum(one.offsets.shape[1] for one in recordings)
+    rows, begin = [], 1
     resolved = int(0.5 / (frequency * max(one.time[1] - one.time[0] for one in recordings)))
     for one, lead in zip(recordings, ahead, strict=True):
         offsets = np.zeros((len(one.time), own))
+        offsets[:, 0] = one.lever
         offsets[:, begin : begin + one.offsets.shape[1]] = one.offsets
         begin += one.offsets.shape[1]
         series = _series(frequency * one.time + lead, min(_SHARED, resolved)) * one.lever[:, None]

@@ -141,6 +141,12 @@ def _place(
 
 
 @kernel
+def counts(p: Any) -> bool:
+    """Whether a table acts on the slider that is counted here: not over time, not over a contact's force."""
+    return p[Parameter.TABLE_SLIDER_X] != 0.0 and p[Parameter.TABLE_ARGUMENT] < _FORCE_B
+
+
+@kernel
 def _push(
     p: Any, angle: float, speed: float, rod_angle: float, rod_speed: float, place: float, velocity: float,
     reaction: float,
@@ -153,7 +159,7 @@ def _push(
     if p[Parameter.GUIDE_FRICTION_SPEED] > 0.0:
         push += guide_friction(p, velocity, reaction)
     value = 0.0
-    if p[Parameter.TABLE_SLIDER_X] != 0.0 and p[Parameter.TABLE_ARGUMENT] < _FORCE_B:
+    if counts(p):
         argument = choose_argument(
             p, angle, speed, rod_angle, rod_speed, place, velocity, 0.0, 0.0, 0.0, 0.0, 0.0
         )

@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from clearance.diagnosis.explain import Explanation, Search, beside
+from clearance.diagnosis.explain import Explanation, Search, beside, penalised
 from clearance.diagnosis.free_search import reshape
 from clearance.diagnosis.missing_force import unnamed
 from clearance.diagnosis.screening import Hint, screen
 from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.significance import SURE
 from clearance.diagnosis.torn import rejoin_impacts
-from clearance.diagnosis.verdict import unsettled
+from clearance.diagnosis.verdict import margin, unsettled
 from clearance.diagnosis.widen import kinds
 
 _FITTED = 4  # hypotheses of one screening that are fitted
@@ -22,8 +22,7 @@ _ONSET = 0.01  # of what a linear look promises, to begin with
 def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
     """Look beside what explains the recordings for what is small but sure, until nothing is.
 
-    A single named force must first beat one of free form in its place. Where a linear look finds nothing that
-    helps, impacts that are torn are asked. What is found beside the
+    Where a linear look finds nothing that helps, impacts that are torn are asked. What is found beside the
     nominal machine and says little of what is missing is not built on.
 
     Args:
@@ -35,10 +34,6 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
     while explained(best) and len(best.hypotheses) < most and unnamed(best.hypotheses) is None:
         if search.late():
             return
-        if best.hypotheses:
-            reshape(search, explanation)
-            if explanation.best is not best:
-                return
         found = screen(best, search.others(best), search.setting.joint, search.workers)
         explanation.hints = explanation.hints or found.singles
         sure = [replace(hint, values=_begun(hint)) for hint in found.singles if hint.gain > SURE]
@@ -49,6 +44,25 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
         if explanation.best is best or (best is explanation.nominal and unsettled(explanation)):
             return
         best = explanation.best
+
+
+def contest(search: Search, explanation: Explanation) -> None:
+    """Let forces of free form compete with a named one on crank, rod or slider, alone or beside small ones.
+
+    A name is given up only where a table says clearly more: it can imitate what it has no name for.
+    """
+    best = explanation.best
+    if not explained(best) or unnamed(best.hypotheses) is not None or search.late():
+        return
+    labels = {h.label for h in best.hypotheses}
+    alone = [a for a in explanation.attempts if len(a.hypotheses) == 1 and a.label in labels and explained(a)]
+    if not alone:
+        return
+    reshape(search, explanation, min(alone, key=penalised))
+    table = explanation.best
+    if table is not best and penalised(table) + margin(best) > penalised(best):
+        for attempt in explanation.attempts:
+            attempt.withdrawn |= unnamed(attempt.hypotheses) is not None
 
 
 def _compare_kinds(search: Search, explanation: Explanation, base: Attempt) -> None:

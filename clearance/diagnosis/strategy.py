@@ -10,7 +10,7 @@ from clearance.diagnosis.from_motion import begin_balanced, begin_dimensions, be
 from clearance.diagnosis.geometry import suggest_channels
 from clearance.diagnosis.missing_force import Curve, unnamed
 from clearance.diagnosis.rattling import begin_guide
-from clearance.diagnosis.scrutiny import scrutinise
+from clearance.diagnosis.scrutiny import contest, scrutinise
 from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.simplify import enlarge, prune
 from clearance.diagnosis.verdict import unsettled
@@ -35,11 +35,12 @@ def find_explanation(
     that torque, a worn bearing, and where the path is far, effects that no linear look can judge; effects
     and faults that promise a good part. Beside one that explains a good part, the next one. Then effects
     that promised little, since beside a path that is far from right none promises much; forces of free form
-    on the slider, or with which one recording is nearly explained; effects that no linear look can judge;
+    on the slider, or with which one recording is nearly explained or most of what was missing is; effects that no linear look can judge;
     faults that promised little; pairs of which neither shows without the other; other tables. A table is
     put to the test against names. What explains is looked beside for what is small; where nothing takes
     away what is too much for a machine with nothing missing, effects that a linear look is sure of, then
-    those that it cannot judge, are tried on paths of their own. What is not needed is pruned.
+    those that it cannot judge, are tried on paths of their own. A named force must stand against one of free
+    form in its place. What is not needed is pruned.
 
     Args:
         search: after its nominal stage.
@@ -58,6 +59,7 @@ def find_explanation(
             begin_elsewhere(search, explanation, explanation.nominal)
         if explanation.best.hypotheses:
             scrutinise(search, explanation, most)
+    contest(search, explanation)
     prune(search, explanation)
 
 
@@ -116,7 +118,7 @@ def _search_all(
             built_on.append(base)
             enlarge(search, explanation)
             if not explained(explanation.best):
-                reshape(search, explanation)
+                reshape(search, explanation, explanation.best)
             if _enough(explanation) or search.late():
                 return
             base = explanation.best

@@ -127,8 +127,7 @@ def equivalents(explanation: Explanation) -> list[Attempt]:
     best = explanation.best
     if not explained(best):
         return [best]
-    samples = sum(p.samples for p in best.fit.passes)
-    limit = penalised(best) + _ALIKE * samples**0.5 / 10.0
+    limit = penalised(best) + margin(best)
     alike = [
         a
         for a in explanation.attempts
@@ -141,6 +140,11 @@ def equivalents(explanation: Explanation) -> list[Attempt]:
         and not {h.name for h in best.hypotheses} <= {h.name for h in a.hypotheses}
     ]
     return [best, *sorted(alike, key=penalised)]
+
+
+def margin(attempt: Attempt) -> float:
+    """Difference of penalised sums of squares below which another explanation is equivalent."""
+    return float(_ALIKE * sum(p.samples for p in attempt.fit.passes) ** 0.5 / 10.0)
 
 
 def suspicious(explanation: Explanation) -> bool:
@@ -254,7 +258,7 @@ def sentences(
     curve = unnamed(best.hypotheses)
     if curve is not None:
         law = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force
-        argument = str(getattr(law, "argument", ""))
+        argument = argument_of(law) if isinstance(law, TabulatedForce) else ""
         share = "" if explained(best) else "most of "
         lines.append(
             f"Something is missing that has no name here: a {_PUSHES.get(curve.direction, 'force')} on the "
@@ -340,15 +344,16 @@ def effects_of(attempt: Attempt, chance: dict[int, float]) -> list[dict[str, Any
     return found
 
 
-def free_form_of(attempt: Attempt, setting: Setting, clocks: Sequence[float]) -> dict[str, Any] | None:
+def argument_of(law: TabulatedForce) -> str:
+    """What a table is a function of, as the contract has it: whose contact's force, its joint says."""
+    return "contact_force" if law.straight else law.argument
+
+
+def free_form_of(attempt: Attempt, setting: Setting) -> dict[str, Any] | None:
     """The table of an attempt's force of free form as the contract writes it, with its 95 % band.
 
-    Of a torque only what varies is given: a constant one cannot be told from what the drive is asked for.
-
-    Args:
-        attempt: with or without one.
-        setting: the machine.
-        clocks: what the clock of a force over time shows where each recording begins [s].
+    Of a torque only what varies is given: a constant one cannot be told from what the drive is asked for. Of
+    a force over time ``clocks`` says what its clock shows where each recording begins [s].
     """
     hypothesis = unnamed(attempt.hypotheses)
     if hypothesis is None:
@@ -368,10 +373,10 @@ def free_form_of(attempt: Attempt, setting: Setting, clocks: Sequence[float]) ->
     combined[:, place : place + count] = own
     forces, band = own @ values, 1.96 * deviations(attempt.fit, combined)
     return {
-        "body": law.body, "direction": law.direction, "argument": law.argument,
+        "body": law.body, "direction": law.direction, "argument": argument_of(law),
         "unit": "N m" if law.direction in ("torque", "moment") else "N",
-        "argument_unit": _UNITS.get(law.argument, "N"), "period": law.period,
-        "clocks": list(clocks) if law.argument == "time" else None,
+        "argument_unit": _UNITS.get(argument_of(law), "N"), "period": law.period,
+        "clocks": [f.measured.clock for f in attempt.followers] if law.argument == "time" else None,
         "table": [[law.start + spacing * k, float(force)] for k, force in zip(steps, forces, strict=True)],
         "low": (forces - band).tolist(), "high": (forces + band).tolist(),
     }  # fmt: skip

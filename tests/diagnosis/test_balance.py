@@ -12,12 +12,14 @@ from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.explain import Search
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.measured import Measured, chain_of
+from clearance.diagnosis.rhythm import Rhythm
 from clearance.diagnosis.trace import aligned
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import DirectCurrentMotor, SpeedControl, TorqueRipple
 from clearance.mechanism.guide import StribeckGuide
 from clearance.mechanism.load import ConstantProcess, LinearSpring
 from clearance.mechanism.slider_crank import SliderCrank
+from clearance.simulation.layout import State
 
 SETTING = Setting(SliderCrank(), "C")
 NOMINAL = replace(SETTING.with_clearance(3e-4), drive=SpeedControl(700.0, ramp=0.1))
@@ -106,10 +108,39 @@ def test_a_force_by_a_clock_of_its_own_is_a_table_over_time_that_repeats():
     best = suggested(search).forces[0]
     assert (best.curve.body, best.curve.argument) == ("slider", "time")
     assert best.rhythm.period == pytest.approx(0.037, rel=0.01)
-    search.keep_time(best.rhythm)
-    first = search.retrace(0, SETTING.with_clearance(3e-4)).follower(0.1)
+    with search.timed(best.rhythm):
+        first = search.retrace(0, SETTING.with_clearance(3e-4)).follower(0.1)
+    assert search.recordings[0].period == 0.0
     assert first.measured.period == best.rhythm.period
-    assert len(first.path.nodes) * first.measured.segment > best.rhythm.period
+
+
+@pytest.mark.parametrize("clock", [0.0, 0.013])
+def test_a_stretch_is_followed_by_its_recordings_clock_for_a_period_at_least(clock):
+    search = traced(NOMINAL)
+    machine = SETTING.with_clearance(3e-4)
+    short = search.retrace(0, machine)
+    with search.timed(Rhythm(0.15, (clock,))):
+        later = replace(search.recordings[0].part(20, 200), name="later")
+        trace = search.retrace(0, machine)
+    own = trace.follower(0.1)
+    assert short.length < 0.15 / own.measured.segment <= trace.length <= len(own.path.nodes)
+    time = own.path.nodes[:, State.TIME]
+    np.testing.assert_allclose(time[0], clock + own.measured.first * own.measured.segment)
+    np.testing.assert_allclose(np.diff(time), own.measured.segment)
+    assert later.begin == pytest.approx(clock + 20 * later.segment)
+
+
+@pytest.mark.slow
+def test_a_table_whose_load_the_reconstruction_counts_is_found_again_beside_it():
+    velocity = np.linspace(-4.5, 4.5, 12)
+    drag = tuple(-2.8 * velocity)
+    law = TabulatedForce("slider", "x", "slider_velocity", -4.5, velocity[1] - velocity[0], drag)
+    search = traced(replace(NOMINAL, force=law))
+    tables = _Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4).tables(np.inf)
+    table = next(one for one in tables if one.curve.argument == "slider_velocity")
+    settled = settle_in(search, SETTING, table)
+    inner = slice(2, -2)
+    np.testing.assert_allclose(settled.values[inner], -2.8 * settled.curve.knots[inner], atol=1.0)
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.elsewhere import begin_film, begin_plausible
 from clearance.diagnosis.everywhere import astray
 from clearance.diagnosis.explain import FAR, beside
-from clearance.diagnosis.free_search import fit_curve, reshape, suggest_curve
+from clearance.diagnosis.free_search import fit_curve, suggest_curve
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
@@ -25,7 +25,7 @@ from clearance.diagnosis.missing_force import (
     unnamed,
 )
 from clearance.diagnosis.screening import Hint, _Column, _range
-from clearance.diagnosis.scrutiny import _begun, scrutinise
+from clearance.diagnosis.scrutiny import _begun, contest, scrutinise
 from clearance.diagnosis.search import EXPLAINED, explained, whole
 from clearance.diagnosis.torn import rejoin_impacts
 from clearance.diagnosis.verdict import equivalents, estimates
@@ -203,7 +203,7 @@ def test_a_named_force_that_is_right_stands_against_a_table():
     held, rows = beside(nominal, [hypothesis], values)
     named = found.keep(explanation, held, lambda: found.follow_anew(held, nominal, rows, np.inf))
     assert explained(named)
-    reshape(found, explanation)
+    contest(found, explanation)
     assert any(unnamed(a.hypotheses) is not None for a in explanation.attempts), "a table was tried"
     assert explanation.best.label == named.label
     assert equivalents(explanation) == [explanation.best]
@@ -216,6 +216,22 @@ def test_a_small_effect_begins_where_it_has_hardly_begun():
     assert _begun(Hint((stiffness,), np.array([0.1]), 1.0)) == pytest.approx([0.991])
     begun = _begun(Hint((ripple,), np.array([2.0, 3.0, 0.7]), 1.0))
     np.testing.assert_allclose(begun, [0.02, 3.0, 0.7])
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_force_that_rests_or_jumps_is_a_function_of_what_it_depends_on(noise):
+    angle = np.linspace(0.0, 8.5, 150)
+    place, velocity = 0.05 * np.cos(angle), -3.0 * np.sin(angle)
+    shaken = noise * np.random.default_rng(4).normal(size=len(angle))
+    for force, values, argument in (
+        (-4.0 * np.sign(velocity), velocity, "slider_velocity"),
+        (np.where(place > 0.02, -9.0, 0.0), place, "slider_position"),
+        (np.minimum(0.03 - place, 0.0) * 400.0, place, "slider_position"),
+    ):
+        _, left = as_function_of(force + shaken, values, curve_over(values, "slider", "x", argument))
+        assert left < 0.2
+    _, left = as_function_of(np.zeros(150), place, curve_over(place, "slider", "x", "slider_position"))
+    assert left == 0.0
 
 
 def test_a_force_is_written_as_a_function_of_what_it_depends_on():

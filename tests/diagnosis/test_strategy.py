@@ -155,8 +155,10 @@ def test_kinds_of_a_sensors_fault_are_compared_up_to_the_one_that_was_found(monk
     refitted = []
     nominal, delay = attempt([], 1.1), attempt(["sensor_delay"], 1.0)
     kinds = [SimpleNamespace(name=f"sensor_{kind}") for kind in ("resonance", "delay", "gain")]
-    monkeypatch.setattr("clearance.diagnosis.widen._kinds", lambda *_: [(kind, np.ones(1)) for kind in kinds])
-    monkeypatch.setattr("clearance.diagnosis.widen.beside", lambda base, held, values: (held, values))
+    monkeypatch.setattr(
+        "clearance.diagnosis.scrutiny.kinds", lambda *_: [(kind, np.ones(1)) for kind in kinds]
+    )
+    monkeypatch.setattr("clearance.diagnosis.scrutiny.beside", lambda base, held, values: (held, values))
     nominal.followers, nominal.scale = [], 1.0
     search = SimpleNamespace(late=lambda: False, refit=lambda _, held, *more: refitted.append(held[0].name))
     for channel, expected in ((None, []), ("rod_c_axial", ["sensor_resonance"])):

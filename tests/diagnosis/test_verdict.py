@@ -161,7 +161,7 @@ def torque_table(between):
     one = SimpleNamespace(parts=np.zeros((5, 6)))
     fit = Fit(Model(unknowns, lambda _: None), values, 0.0, [one], information)
     attempt = Attempt((hypothesis,), fit.model, fit, 1.0, 1.0, [])
-    return free_form_of(attempt, Setting(SliderCrank(), "C"), [0.0])
+    return free_form_of(attempt, Setting(SliderCrank(), "C"))
 
 
 def test_of_a_torque_without_a_name_only_what_varies_is_given():
