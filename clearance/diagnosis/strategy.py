@@ -35,7 +35,7 @@ def find_explanation(
     that torque, a worn bearing, and where the path is far, effects that no linear look can judge; effects
     and faults that promise a good part. Beside one that explains a good part, the next one. Then effects
     that promised little, since beside a path that is far from right none promises much; forces of free form
-    on the slider, or with which one recording is nearly explained or most of what was missing is; effects that no linear look can judge;
+    on the slider, or with which most of one recording is explained; effects that no linear look can judge;
     faults that promised little; pairs of which neither shows without the other; other tables. A table is
     put to the test against names. What explains is looked beside for what is small; where nothing takes
     away what is too much for a machine with nothing missing, effects that a linear look is sure of, then
