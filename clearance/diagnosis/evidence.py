@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from clearance.diagnosis.explain import Explanation, Search, penalised
+from clearance.diagnosis.follow import alike
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.mismatch import Innovations, innovations, locate, whiteness
 from clearance.diagnosis.nominal_map import nominal_map
@@ -42,6 +43,10 @@ def gather_evidence(
     best, nominal, setting = explanation.best, explanation.nominal, search.setting
     body = best.hypotheses[0].body if best.hypotheses else ""
     clearance, speed = best.fit.values[0, [0, -1]]
+    # the nominal machine's own path is torn where much is missing; another one's shows what is
+    same = alike(best.model.machine(best.fit.values[0]), nominal.model.machine(nominal.fit.values[0]))
+    sound = all(hypothesis.fault is None for hypothesis in best.hypotheses)
+    along = best if explained(best) and same and sound else nominal
     curve = free_form_of(best, setting)
     judged = innovations(after, setting.joint)
     return {
@@ -53,7 +58,7 @@ def gather_evidence(
             "clearance_m": search.profile.clearance.tolist(),
             "misfit": search.profile.misfit.round(4).tolist(),
         },
-        "missing_force": sorted(_missing_force(search, nominal), key=lambda one: one["body"] != body),
+        "missing_force": sorted(_missing_force(search, along), key=lambda one: one["body"] != body),
         "signatures": _signatures(held_out, before, after, nominal, best, search.workers),
         "detectability": nominal_map(
             setting.joint, float(clearance), float(speed), search.recordings[0].channels
@@ -66,9 +71,9 @@ def gather_evidence(
     }  # fmt: skip
 
 
-def _missing_force(search: Search, nominal: Attempt) -> list[dict[str, Any]]:
-    """Unknown forces beside the nominal model: what it lacks, over time, with 95 % bands."""
-    free = search.loosened(nominal)
+def _missing_force(search: Search, along: Attempt) -> list[dict[str, Any]]:
+    """Unknown forces beside the nominal model on the paths of an attempt: what it lacks, with 95 % bands."""
+    free = search.loosened(along)
     found = []
     for trace, follower, one in zip(search.traces, free.followers, free.fit.passes, strict=True):
         middle = one.signals[:, one.signals.shape[1] // 2]

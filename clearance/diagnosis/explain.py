@@ -283,8 +283,9 @@ class Search:
         """The nominal machine on an attempt's paths with unknown forces: what it lacks shows in them."""
         forces = [trace.forces(LOOSENESS) for trace in self.traces]
         values = attempt.fit.values[:, [0, -1]]
-        # beside a model that follows, forces are small: nothing has to be smoothed first
-        scales = ANNEALING[3:4] if explained(attempt) else ANNEALING[2:4]
+        # where the nominal machine follows, forces are small: nothing has to be smoothed first
+        small = explained(attempt) and not attempt.hypotheses
+        scales = ANNEALING[3:4] if small else ANNEALING[2:4]
         return loosen(self.setting.model(), values, attempt.followers, forces, scales, self.workers)
 
     def others(self, base: Attempt) -> list[list[Hypothesis]]:

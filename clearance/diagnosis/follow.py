@@ -376,6 +376,12 @@ _SMOOTHING = (
 )  # fmt: skip
 
 
+def alike(one: SliderCrank, other: SliderCrank) -> bool:
+    """Whether two machines have the same coordinates."""
+    rows = list(STRUCTURE)
+    return bool((one.codes()[rows] == other.codes()[rows]).all())
+
+
 def _joint_codes(machines: Sequence[SliderCrank]) -> np.ndarray:
     """Laws that any of the machines has: where a machine lacks one, its parameters are zero."""
     each = np.array([machine.codes() for machine in machines])

@@ -13,7 +13,7 @@ from clearance.diagnosis.balance import find_clock
 from clearance.diagnosis.effect import Effect
 from clearance.diagnosis.evidence import gather_evidence
 from clearance.diagnosis.explain import PATIENCE, Explanation, Search
-from clearance.diagnosis.follow import STRUCTURE
+from clearance.diagnosis.follow import alike
 from clearance.diagnosis.geometry import LOOSE_GUIDE
 from clearance.diagnosis.hypothesis import Setting
 from clearance.diagnosis.location import locate_joint
@@ -200,7 +200,7 @@ def _held_out(
     )
     machine, instrument = model.machine(attempt.fit.values[0]), model.instrument(attempt.fit.values[0])
     found: Attempt | None
-    if beside is not None and _alike(machine, beside.model.machine(beside.fit.values[0])):
+    if beside is not None and alike(machine, beside.model.machine(beside.fit.values[0])):
         speeds = beside.fit.values[:, -1:]
         found = refine((), only_speed, beside.followers, speeds, ANNEALING[1], 8, search.workers, False)
     else:
@@ -245,12 +245,6 @@ def _speeds(search: Search) -> tuple[float, float]:
     """Among which the speed of another recording is looked for [rad/s]."""
     near = [abs(known.speed) for known in search.alignments]
     return 0.5 * min(near), 2.0 * max(near)
-
-
-def _alike(one: SliderCrank, other: SliderCrank) -> bool:
-    """Whether two machines have the same coordinates."""
-    rows = list(STRUCTURE)
-    return bool((one.codes()[rows] == other.codes()[rows]).all())
 
 
 def _fit_numbers(before: Sequence[Innovations], after: Sequence[Innovations]) -> dict[str, Any]:
