@@ -103,7 +103,11 @@ def suggest_curve(search: Search, base: Attempt) -> tuple[list[Curve], float]:
 
 
 def fit_curve(search: Search, explanation: Explanation, curves: Sequence[Curve]) -> None:
-    """Fit the tables of the first suggested curves to all recordings, until one explains them."""
+    """Fit the tables of the first suggested curves to all recordings, until one explains them.
+
+    None is made finer before all were tried: many knots over the angle say what few say over the place.
+    """
+    coarse: list[tuple[Attempt, Curve]] = []
     for curve in curves[:_FITTED]:
         if search.late():
             return
@@ -113,8 +117,12 @@ def fit_curve(search: Search, explanation: Explanation, curves: Sequence[Curve])
         found = search.keep(
             explanation, [hypothesis], lambda h=hypothesis, v=values: search.grown([h], v)  # type: ignore[misc]
         )  # fmt: skip
-        if found is not None and not explained(found):
-            refine_table(search, explanation, curve, found)
+        if explained(explanation.best):
+            return
+        if found is not None:
+            coarse.append((found, curve))
+    for found, curve in sorted(coarse, key=lambda one: one[0].misfit):
+        refine_table(search, explanation, curve, found)
         if explained(explanation.best):
             return
 
