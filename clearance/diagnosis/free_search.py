@@ -93,8 +93,9 @@ def suggest_curve(search: Search, base: Attempt) -> tuple[list[Curve], float]:
     ranked = []
     for other in each[best.curve.body, best.curve.direction]:
         said, left = as_function_of(force, arguments[other.argument], other)
-        if other.argument == best.curve.argument:
-            said, left = best.curve, 0.0
+        followed = trials.followed.get((other.body, other.direction, other.argument))
+        if followed is not None:
+            said, left = followed, 0.0
         if left < _SAID:
             level, forces = trials.beside_all(said)
             search.report(f"  as a function of {other.argument}: {level * ANNEALING[3] ** 2:.3g}")
@@ -198,7 +199,7 @@ def _smoothed(search: Search, base: Attempt) -> Attempt:
 
 
 class _Trials:
-    """Curves with which the surest recording was followed; the best one is kept."""
+    """Curves with which the surest recording was followed better, ``followed``; of the best one its path."""
 
     def __init__(self, search: Search, base: Attempt) -> None:
         self.search, self.base = search, base
@@ -206,6 +207,7 @@ class _Trials:
         row = base.fit.values[self.surest]
         self.least = _LESS * self._beside(base.model, row).level
         self.best: Suggestion | None = None
+        self.followed: dict[tuple[str, str, str], Curve] = {}
 
     def add(self, curves: Iterable[Curve]) -> None:
         """Try each curve beside the base's path, and follow with those that leave clearly less."""
@@ -254,5 +256,8 @@ class _Trials:
             return
         assert found is not None  # without a limit none is given up: a table comes right late
         self.search.report(f"  {label}: misfit {found[2]:.3g} on one recording")
+        followed = replace(curve, forces=found[1][1:-1])
+        if found[2] < self.base.misfit:
+            self.followed[curve.body, curve.direction, curve.argument] = followed
         if found[2] < (self.base.misfit if self.best is None else self.best.misfit):
-            self.best = Suggestion(replace(curve, forces=found[1][1:-1]), *found)
+            self.best = Suggestion(followed, *found)

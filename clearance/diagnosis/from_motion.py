@@ -16,7 +16,7 @@ from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.wear import suggest_wear
 from clearance.errors import InputError
 
-_FITTED = 2  # of the forces that are suggested
+_FITTED = 3  # of the forces that are suggested
 _NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
 
 

@@ -55,10 +55,17 @@ class Model:
         return sum(not u.own for u in self.unknowns)
 
     def columns(self, values: np.ndarray) -> tuple[list[SliderCrank | None], list[Instrument | None]]:
-        """Machine and instruments with each unknown changed by its step (inwards at an upper bound)."""
+        """Machine and instruments with each unknown changed by its step (inwards at an upper bound).
+
+        ``None``: it does not change them, as an unknown that has no room between its bounds.
+        """
         machines: list[SliderCrank | None] = []
         faults: list[Instrument | None] = []
         for i in range(len(self.unknowns)):
+            if self.unknowns[i].low == self.unknowns[i].high:  # a number of lobes, which is not fitted
+                machines.append(None)
+                faults.append(None)
+                continue
             changed = values.copy()
             changed[i] += self.step(values, i)
             sensing = bool(self.sensing) and self.sensing[i]

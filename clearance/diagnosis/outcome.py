@@ -16,6 +16,7 @@ from clearance.diagnosis.explain import PATIENCE, Explanation, Search
 from clearance.diagnosis.follow import alike
 from clearance.diagnosis.geometry import LOOSE_GUIDE
 from clearance.diagnosis.hypothesis import Setting
+from clearance.diagnosis.likelihood import ask_likelihood
 from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.mismatch import Innovations, innovations, interval, root_mean_square, summary
@@ -111,7 +112,7 @@ def diagnose(
     except KeyboardInterrupt:
         search.stopped = "it was interrupted"
         say("interrupted: what was found so far is judged and written; once more ends it at once")
-    withdraw(explanation)
+    _ask(search, explanation)
     search.report("judging on held-out recordings")
     held_out = [_clocked(one, search, explanation.best) for one in held_out]
     best, nominal = explanation.best, explanation.nominal
@@ -171,9 +172,23 @@ def diagnose(
         ],
         "seconds": round(time.monotonic() - started, 1),
     }  # fmt: skip
+    search.report(f"verdict: {verdict}; gathering what the report shows")
     evidence = gather_evidence(search, explanation, held_out, before_attempt, after, errors_fit)
     model = setting.model(best.hypotheses)
     return Outcome(diagnosis, evidence, model.machine(best.fit.values[0]), explanation)
+
+
+def _ask(search: Search, explanation: Explanation) -> None:
+    """Ask the likelihood how sure the numbers of what is asserted are; nothing is that may as well be off."""
+    withdraw(explanation)
+    while explained(explanation.best) and explanation.best.hypotheses:
+        new = [one for one in equivalents(explanation) if one.reach is None]
+        if not new:
+            return
+        for one in new:
+            search.report(f"asking the likelihood how sure the numbers of {one.label} are")
+            ask_likelihood(one, search.workers)
+        withdraw(explanation)
 
 
 def _held_out(

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clearance.diagnosis.follow import Follower
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.missing_force import (
@@ -143,37 +144,44 @@ def screen(attempt: Attempt, groups: Sequence[Sequence[Hypothesis]], joint: str,
     return Screening(*_rank(looks[0][0], gram, parts, model.shared))
 
 
-def shapes(attempt: Attempt, joint: str, force: float, workers: int) -> list[Curve]:
+def shapes(
+    attempt: Attempt, joint: str, force: float, workers: int, step: Sequence[np.ndarray] | None = None
+) -> list[Curve]:
     """Forces of free form that explain the unknown forces of an attempt, most promising first.
 
     Args:
-        attempt: with unknown forces.
+        attempt: with unknown forces, or one that follows without them.
         joint: the diagnosed one.
         force: typical in that joint [N].
         workers: threads.
+        step: (inputs,) standard deviations for each recording of the unknown forces that one linear step
+            would add to the attempt's path [N m, N m, N]; ``None``: it has its own.
     """
     places = directions(joint)
     sizes = _PUSH * np.array([_ARM if d in ("torque", "moment") else 1.0 for _, d in places])
 
-    def look(r: int) -> Pass:
-        values = attempt.fit.values[r]
+    def look(r: int) -> tuple[Follower, Pass, np.ndarray]:
+        values, follower = attempt.fit.values[r], attempt.followers[r]
         machine = attempt.model.machine(values)
+        if step is not None:
+            follower = follower.part(0, follower.segments)
+            follower.input_sigma = step[r]
         pushes = [constant(machine, *place, force * size) for place, size in zip(places, sizes, strict=True)]
         pushes += [
             proportional(machine, *place, joint, size) for place, size in zip(places, sizes, strict=True)
         ]
-        return attempt.followers[r].look(
-            machine, pushes, attempt.model.instrument(values), scale=attempt.scale
-        )
+        one = follower.look(machine, pushes, attempt.model.instrument(values), scale=attempt.scale)
+        inputs = follower.path.inputs
+        if step is not None:
+            change = one.solve(judged=False).change(np.zeros(len(pushes)))
+            inputs = change[:, -len(step[r]) :] * step[r]
+        return follower, one, inputs
 
     with ThreadPoolExecutor(workers) as pool:
-        passes = list(pool.map(look, range(len(attempt.followers))))
-    sigmas = [f.input_sigma for f in attempt.followers]
-    followers = attempt.followers
-    seen = observe_forces(passes, [f.path.inputs for f in followers], joint, [f.measured for f in followers])
-    return curves(
-        seen, patterns(passes, sigmas, slice(0, None), seen.scatter), joint, np.append(force * sizes, sizes)
-    )
+        followers, passes, inputs = zip(*pool.map(look, range(len(attempt.followers))), strict=True)
+    seen = observe_forces(passes, inputs, joint, [f.measured for f in followers])
+    pattern = patterns(passes, [f.input_sigma for f in followers], slice(0, None), seen.scatter)
+    return curves(seen, pattern, joint, np.append(force * sizes, sizes))
 
 
 @dataclass(frozen=True)

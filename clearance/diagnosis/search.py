@@ -24,7 +24,7 @@ APART, _SOME = 3.0, 0.01  # cost a sample of a segment that is not followed; sha
 NEAR = 5  # segments that are fitted with a torn one
 _TORN, _MANY = 2.0, 0.3  # cost a sample; share of segments
 _FEW = 0.1  # of them: where more are torn their paths are not looked for
-_CHANCE = 4.0  # standard deviations of a segment's cost: more is torn beside a model that explains
+_CHANCE = 2.0  # standard deviations of a segment's cost: more is torn beside a model that explains
 _LOST = 2.0  # cost a sample of a segment that is then looked for
 _WORTH = 5e-3  # share by which the cost falls where another look is worth the time
 _LARGE = 12  # unknowns from which on their last digits are not worth the time
@@ -43,6 +43,7 @@ class Attempt:
         level: robust cost a sample at that scale.
         followers: with the paths of the fit.
         withdrawn: whether it must not be asserted: one of its effects may as well be off.
+        reach: (shared, 2) how far below and above its values the likelihood does not fall, once it was asked.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -52,6 +53,7 @@ class Attempt:
     level: float
     followers: list[Follower]
     withdrawn: bool = False
+    reach: np.ndarray | None = None
 
     @property
     def misfit(self) -> float:

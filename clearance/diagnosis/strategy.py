@@ -13,6 +13,7 @@ from clearance.diagnosis.rattling import begin_guide
 from clearance.diagnosis.scrutiny import contest, scrutinise
 from clearance.diagnosis.search import Attempt, explained
 from clearance.diagnosis.simplify import enlarge, prune
+from clearance.diagnosis.small_force import begin_small_force
 from clearance.diagnosis.verdict import unsettled
 from clearance.diagnosis.wear import WORN
 from clearance.diagnosis.widen import deafen, glaring, look, settled, widen
@@ -22,6 +23,7 @@ _ROOM = 1.03  # misfit above which an effect that explains may have more paramet
 _FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
 _MANY, _ACCUSED = 7, 0.4  # channels of which one can be spared; left of the motion's disagreement without it
 _PAIRS = 3  # pairs that are fitted
+_BODIES = ("crank", "rod", "slider")  # on which effects that no linear look can judge may do the same
 
 
 def find_explanation(
@@ -30,17 +32,17 @@ def find_explanation(
     """Find what explains the recordings, with as few effects as it takes.
 
     A sensor that alone contradicts the nominal machine, or the motion, comes first. Where the path is not
-    near, effects follow that give the torque which the motion needs. Then single effects that promise much
-    of what is missing; dimensions and faulty sensors that the motion alone points at; where no force gives
-    that torque, a worn bearing, and where the path is far, effects that no linear look can judge; effects
-    and faults that promise a good part. Beside one that explains a good part, the next one. Then effects
-    that promised little, since beside a path that is far from right none promises much; forces of free form
-    on the slider, or with which most of one recording is explained; effects that no linear look can judge;
-    faults that promised little; pairs of which neither shows without the other; other tables. A table is
-    put to the test against names. What explains is looked beside for what is small; where nothing takes
-    away what is too much for a machine with nothing missing, effects that a linear look is sure of, then
-    those that it cannot judge, are tried on paths of their own. A named force must stand against one of free
-    form in its place. What is not needed is pruned.
+    near, effects follow that give the torque which the motion needs. Then single effects that promise much of
+    what is missing; dimensions and faulty sensors that the motion alone points at; where no force gives that
+    torque, a worn bearing, and where the path is far, effects that no linear look can judge; effects and
+    faults that promise a good part. Beside one that explains a good part, the next one. Then effects that
+    promised little, since beside a path that is far from right none promises much; forces of free form on the
+    slider, or with which most of one recording is explained; effects that no linear look can judge; faults
+    that promised little; pairs of which neither shows without the other; other tables. A table is put to the
+    test against names. What explains is looked beside for what is small; where nothing takes away what is too
+    much for a machine with nothing missing, effects that a linear look is sure of, then small forces of free
+    form, then effects that it cannot judge, are tried on paths of their own. A named force must stand against
+    one of free form in its place. What is not needed is pruned.
 
     Args:
         search: after its nominal stage.
@@ -55,7 +57,9 @@ def find_explanation(
     scrutinise(search, explanation, most)
     if unsettled(explanation) and not search.late():
         begin_sure(search, explanation)
-        if unsettled(explanation):
+        begin_small_force(search, explanation)
+        table = unnamed(explanation.best.hypotheses)
+        if unsettled(explanation) or (table is not None and table.body in _BODIES):
             begin_elsewhere(search, explanation, explanation.nominal)
         if explanation.best.hypotheses:
             scrutinise(search, explanation, most)

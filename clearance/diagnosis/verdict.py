@@ -68,6 +68,12 @@ def deviations(fit: Fit, combined: np.ndarray | None = None) -> np.ndarray:
     return np.sqrt(np.maximum(np.maximum(robust, 0.0), (seen**2).sum(axis=1)))
 
 
+def covariance(fit: Fit) -> np.ndarray:
+    """(P, P) of all parameters, shared ones first; huge along what the recordings say nothing about."""
+    root = _root(fit.information)
+    return root @ root.T
+
+
 def _root(information: np.ndarray) -> np.ndarray:
     """(P, P) root of the covariance, which is huge along what the recordings say nothing about.
 
@@ -89,9 +95,9 @@ def estimates(attempt: Attempt) -> list[Estimate]:
     found = []
     for i, sd in enumerate(deviations(attempt.fit)):
         unknown, value = attempt.model.unknowns[i], float(attempt.fit.values[0, i])
-        found.append(
-            Estimate(value, max(value - 1.96 * sd, unknown.low), min(value + 1.96 * sd, unknown.high))
-        )
+        below, above = (0.0, 0.0) if attempt.reach is None else attempt.reach[i]
+        low, high = value - max(1.96 * sd, below), value + max(1.96 * sd, above)
+        found.append(Estimate(value, max(low, unknown.low), min(high, unknown.high)))
     return found
 
 

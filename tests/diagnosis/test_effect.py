@@ -253,3 +253,10 @@ def test_a_phase_of_zero_can_be_fitted_and_a_count_cannot():
     assert phase.step > 1e-6  # a smaller one drowns in rounding
     assert order.low == order.high == trial.start[1]
     assert amplitude.low < amplitude.high
+
+
+def test_one_lobe_is_taken_no_derivative_by():
+    worn = [h for h in of_effect(load_effects("worn_bearing")[0], NOMINAL, "C") if h.start[1] == 1.0]
+    model = Setting(NOMINAL, "C").model(worn[:1])  # fewer than one are none that a bearing can have
+    machines, _ = model.columns(np.array([1e-4, *worn[0].start, 700.0]))
+    assert [machine is None for machine in machines] == [False, False, True, False, False]

@@ -10,7 +10,7 @@ import pytest
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.elsewhere import begin_film, begin_plausible
 from clearance.diagnosis.everywhere import astray
-from clearance.diagnosis.explain import FAR, beside
+from clearance.diagnosis.explain import FAR, Explanation, beside
 from clearance.diagnosis.free_search import fit_curve, suggest_curve
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.location import locate_joint
@@ -27,8 +27,9 @@ from clearance.diagnosis.missing_force import (
 from clearance.diagnosis.screening import Hint, _Column, _range
 from clearance.diagnosis.scrutiny import _begun, contest, scrutinise
 from clearance.diagnosis.search import EXPLAINED, explained, whole
+from clearance.diagnosis.small_force import begin_small_force
 from clearance.diagnosis.torn import rejoin_impacts
-from clearance.diagnosis.verdict import equivalents, estimates
+from clearance.diagnosis.verdict import equivalents, estimates, unsettled
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.film import SqueezeFilm
@@ -184,6 +185,18 @@ def test_friction_without_a_name_is_a_line_over_its_joints_force():
     assert explained(explanation.best)
     slope = np.diff(explanation.best.fit.values[0, 1:-1]) / np.diff(first.knots)
     assert slope == pytest.approx([0.2], rel=0.1)
+
+
+@pytest.mark.slow
+def test_little_friction_without_a_name_is_found_beside_a_machine_that_follows():
+    found, explanation = within(3e-4, ("gravity",), friction=Coulomb(0.0015))
+    explanation = Explanation(explanation.nominal)
+    assert explained(explanation.nominal)
+    assert unsettled(explanation)
+    begin_small_force(found, explanation)
+    (hypothesis,) = explanation.best.hypotheses
+    assert (hypothesis.body, hypothesis.direction) == ("joint_c", "tangential")
+    assert not unsettled(explanation)
 
 
 def test_a_table_over_a_contacts_force_is_a_line_that_goes_on():
