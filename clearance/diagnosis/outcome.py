@@ -21,6 +21,7 @@ from clearance.diagnosis.location import locate_joint
 from clearance.diagnosis.measured import Measured
 from clearance.diagnosis.mismatch import Innovations, innovations, interval, root_mean_square, summary
 from clearance.diagnosis.model import Model, Unknown
+from clearance.diagnosis.onward import go_on
 from clearance.diagnosis.rattling import fit_rattling
 from clearance.diagnosis.search import ANNEALING, Attempt, explained, refine
 from clearance.diagnosis.significance import p_value
@@ -230,11 +231,15 @@ def _held_out(
         right = explained(attempt)  # what explains its own recordings is looked for with patience in others
         found = None
         if right and any(h.name == LOOSE_GUIDE for h in attempt.hypotheses):
-            found = fit_rattling(traces, only_speed, values, search.workers)
+            found = go_on(attempt, traces, only_speed, search.workers)
+            found = found or fit_rattling(traces, only_speed, values, search.workers)
         if found is None:
             starts = search.begin(traces, only_speed, values, PATIENCE if right else 0)
             found = search.grown((), values, starts, model=only_speed, patient=right)
-    assert found is not None
+            assert found is not None
+            if right and not explained(found):
+                other = go_on(attempt, traces, only_speed, search.workers)
+                found = other if other is not None and other.misfit < found.misfit else found
     values = found.fit.values
     found.fit.values = np.concatenate(
         [np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1
