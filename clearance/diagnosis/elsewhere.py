@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clearance.diagnosis.balance import DRIVE
 from clearance.diagnosis.everywhere import astray, fit_everywhere, start_with
 from clearance.diagnosis.explain import FAR, Explanation, Search, beside, enough
 from clearance.diagnosis.geometry import GEOMETRIC, LOOSE_GUIDE
@@ -14,6 +13,7 @@ from clearance.diagnosis.model import Model
 from clearance.diagnosis.search import EXPLAINED, POOR, Attempt, explained
 from clearance.diagnosis.significance import SURE
 from clearance.diagnosis.verdict import unsettled
+from clearance.diagnosis.work import DRIVE
 from clearance.errors import InputError
 
 _FITTED = 2  # of them that are fitted to all recordings
@@ -53,6 +53,19 @@ def begin_sure(search: Search, explanation: Explanation) -> None:
         search.keep(
             explanation, held, lambda h=held, v=values: search.grown(h, v), again=True  # type: ignore[misc]
         )  # fmt: skip
+
+
+def begin_again(search: Search, explanation: Explanation) -> None:
+    """Fit the best explanation so far on paths that are sought anew with it.
+
+    The paths that it was found on are of a machine that lacks it: that led them, and their clearance, astray.
+    """
+    best, surest = explanation.best, int(np.argmin([start.doubt for start in search.starts]))
+    row = best.fit.values[surest].copy()
+    search.keep(
+        explanation, best.hypotheses,
+        lambda: fit_everywhere(search, best.hypotheses, row, surest, best, anew=True),
+    )  # fmt: skip
 
 
 def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> None:

@@ -5,13 +5,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from clearance.diagnosis.balance import DRIVE
 from clearance.diagnosis.explain import HALFWAY, Search
 from clearance.diagnosis.geometry import GEOMETRIC, LOOSE_GUIDE
 from clearance.diagnosis.growth import Start
 from clearance.diagnosis.hypothesis import Hypothesis
 from clearance.diagnosis.model import Model
 from clearance.diagnosis.search import LOOSENESS, Attempt, explained
+from clearance.diagnosis.work import DRIVE
 
 _LOOKS = 3  # at all recordings
 _LESS = 0.8  # of the misfit of the look before: what leaves more is not looked at again

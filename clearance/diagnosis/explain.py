@@ -75,6 +75,7 @@ class Explanation:
         rails: between which the slider moves, if it does.
         balanced: whether the drive and the known loads give the torque that the motion needs.
         unpushed: whether no force on the links would give what they do not.
+        pushes: single effects that would, with the (unknowns,) sizes of each.
     """
 
     nominal: Attempt
@@ -84,6 +85,7 @@ class Explanation:
     rails: Rails | None = None
     balanced: bool = False
     unpushed: bool = False
+    pushes: list[tuple[Hypothesis, np.ndarray]] = field(default_factory=list)
 
     @property
     def best(self) -> Attempt:

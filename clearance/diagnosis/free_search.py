@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from clearance.diagnosis.balance import suggest_names
 from clearance.diagnosis.explain import Explanation, Search, beside
 from clearance.diagnosis.fit import Settled, fit, settle
 from clearance.diagnosis.follow import Follower
@@ -40,6 +41,7 @@ _FOLLOWED = 3  # of the curves tried at a time, with which a recording is follow
 _FITTED = 2  # arguments whose tables are fitted to all recordings
 _SAID = 0.2  # of a force's robust square that may be left where it is a function of another argument
 _NAMED = 3  # named effects that are tried in the place of a table
+_LIKE = 2  # of those that would turn the crank as a table does
 _PART = 0.3  # of the base's misfit: a direction that leaves less is not doubted any more
 
 
@@ -172,6 +174,9 @@ def name_curve(search: Search, explanation: Explanation) -> None:
     Beside the nominal machine's own paths an effect that is right may promise little.
     """
     best = explanation.best
+    _name_torque(search, explanation, best)
+    if explained(explanation.best) and unnamed(explanation.best.hypotheses) is None:
+        return
     model, values = search.setting.model(), best.fit.values[:, [0, -1]]
     own = [follower.part(0, follower.segments) for follower in best.followers]
     nominal = fit(own, model, values, 0, 1.0, search.workers, scale=ANNEALING[2])
@@ -182,6 +187,26 @@ def name_curve(search: Search, explanation: Explanation) -> None:
             return
         held, begun = beside(base, hint.hypotheses, hint.values)
         search.refit(explanation, held, own, begun, ANNEALING[2])
+
+
+def _name_torque(search: Search, explanation: Explanation, best: Attempt) -> None:
+    """Try the effects that would turn the crank as a table on one of the links does, in its place."""
+    table = best.hypotheses[0]
+    if len(best.hypotheses) > 1 or (table.body, table.direction) not in PLACES or best.scale > ANNEALING[3]:
+        return
+    try:
+        row = best.fit.values[0]
+        alike = suggest_names(search, best.model.machine(row), float(row[0]))
+    except np.linalg.LinAlgError:
+        return
+    for one in alike[:_LIKE]:
+        shown = ", ".join(f"{value:.3g}" for value in one.values)
+        search.report(f"  the table does what {one.label} = {shown} would: {one.cost:.3g} are left")
+        rows = best.fit.values
+        values = np.array([[row[0], *one.values, row[-1]] for row in rows])
+        search.refit(explanation, one.hypotheses, best.followers, values, ANNEALING[2])
+        if explained(explanation.best) or search.late():
+            return
 
 
 def _smoothed(search: Search, base: Attempt) -> Attempt:

@@ -32,6 +32,11 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
     if suggested is None:
         return
     explanation.balanced, explanation.unpushed = suggested.balanced, not suggested.forces
+    explanation.pushes = [
+        (one.hypotheses[0], one.values)
+        for one in suggested.forces
+        if len(one.hypotheses) == 1 and one.curve is None
+    ]
     known: list[set[str]] = []  # one variant of each effect, one argument of a force without a name
     for one in suggested.forces:
         names = {h.name for h in one.hypotheses} if one.curve is None else {one.label}

@@ -70,7 +70,7 @@ def _compare_kinds(search: Search, explanation: Explanation, base: Attempt) -> N
     added = explanation.best.hypotheses[len(base.hypotheses) :]
     if len(added) != 1 or added[0].channel is None:
         return
-    for hypothesis, values in kinds(search, base, base.followers, added[0].channel):
+    for hypothesis, values, _ in kinds(search, base, base.followers, added[0].channel):
         if hypothesis.name == added[0].name or search.late():
             return
         held, rows = beside(base, [hypothesis], values)

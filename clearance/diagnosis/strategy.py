@@ -3,7 +3,13 @@
 from collections.abc import Callable
 from functools import cache
 
-from clearance.diagnosis.elsewhere import begin_elsewhere, begin_film, begin_plausible, begin_sure
+from clearance.diagnosis.elsewhere import (
+    begin_again,
+    begin_elsewhere,
+    begin_film,
+    begin_plausible,
+    begin_sure,
+)
 from clearance.diagnosis.explain import FAR, NEARLY, Explanation, Search, penalised
 from clearance.diagnosis.free_search import fit_curve, name_curve, reshape, suggest_curve
 from clearance.diagnosis.from_motion import begin_balanced, begin_dimensions, begin_wear
@@ -32,17 +38,18 @@ def find_explanation(
     """Find what explains the recordings, with as few effects as it takes.
 
     A sensor that alone contradicts the nominal machine, or the motion, comes first. Where the path is not
-    near, effects follow that give the torque which the motion needs. Then single effects that promise much of
-    what is missing; dimensions and faulty sensors that the motion alone points at; where no force gives that
-    torque, a worn bearing, and where the path is far, effects that no linear look can judge; effects and
-    faults that promise a good part. Beside one that explains a good part, the next one. Then effects that
-    promised little, since beside a path that is far from right none promises much; forces of free form on the
-    slider, or with which most of one recording is explained; effects that no linear look can judge; faults
-    that promised little; pairs of which neither shows without the other; other tables. A table is put to the
-    test against names. What explains is looked beside for what is small; where nothing takes away what is too
-    much for a machine with nothing missing, effects that a linear look is sure of, then small forces of free
-    form, then effects that it cannot judge, are tried on paths of their own. A named force must stand against
-    one of free form in its place. What is not needed is pruned.
+    near, effects follow that give the torque which the motion needs. Then single effects that promise
+    much of what is missing; dimensions and faulty sensors that the motion alone points at; where no force
+    gives that torque, a worn bearing, and where the path is far, effects that no linear look can judge;
+    effects and faults that promise a good part. Beside one that explains a good part, the next one, and
+    both on paths of their own. Then effects that promised little, since beside a path that is far from
+    right none promises much; forces of free form on the slider, or with which most of one recording is
+    explained; effects that no linear look can judge; faults that promised little; pairs of which neither
+    shows without the other; other tables; the best so far on paths of its own. A table is put to the test
+    against names. What explains is looked beside for what is small; where nothing takes away what is too
+    much for a machine with nothing missing, effects that a linear look is sure of, then small forces of
+    free form, then effects that it cannot judge, are tried on paths of their own. A named force must
+    stand against one of free form in its place. What is not needed is pruned.
 
     Args:
         search: after its nominal stage.
@@ -131,6 +138,8 @@ def _search_all(
             if any(hint.hypotheses[0].name == WORN for hint in hopeful):
                 begin_wear(search, explanation, base)
             widen(search, explanation, base, hopeful)
+            if explanation.best is not base and not settled(search, explanation, base):
+                begin_again(search, explanation)
             if not settled(search, explanation, base):
                 begin_elsewhere(search, explanation, base)
             before, base = base, explanation.best
@@ -167,9 +176,15 @@ def _search_all(
         if not settled(search, explanation, nominal):
             fit_curve(search, explanation, waiting)
 
+    def again() -> None:
+        best = explanation.best
+        if best is not nominal and not settled(search, explanation, nominal):
+            begin_again(search, explanation)
+
     steps = (
         sensor, build_on, balance, build_on, plain, motion, build_on, inside, likely, build_on, unlikely,
         build_on, curve, elsewhere, build_on, unlikely_faults, build_on, pair, build_on, other_curve,
+        again, build_on,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):

@@ -1,7 +1,7 @@
 """Beside what was found so far: which hypotheses promise to explain more, and what comes of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ _LIKELY = 0.04  # of what is missing: effects that were right promised 5 to 90 %
 _PLAIN = 0.3  # of it: such effects come before anything else
 _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
+_RIVAL = 1.2  # times the misfit of the likeliest fault: on paths that are not final others may be right
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
 _LEFT = 0.5  # of what is missing beside a near path: more is left where no sensor is at fault
 _CLIPPED, _LOUD, _QUIET = 9.0, 3.0, 1.5  # squares of residuals; means of a channel that glares, of others
@@ -53,10 +54,18 @@ def look(search: Search, explanation: Explanation, base: Attempt) -> Prospects:
     for hint in found.singles[:5]:
         search.report(f"  {hint.label}: promises {hint.gain / missing:.1%} of what is missing")
     best = found.singles[0].gain if found.singles else 0.0
-    hopeful = [hint for hint in found.singles if hint.gain > _HOPEFUL * best]
+    hopeful = [_pushed(hint, explanation) for hint in found.singles if hint.gain > _HOPEFUL * best]
     plain = [hint for hint in hopeful if hint.gain > _PLAIN * missing]
     likely = [hint for hint in hopeful[len(plain) :] if hint.gain > _LIKELY * missing]
     return Prospects(plain, likely, hopeful[len(plain) + len(likely) :], found.pairs)
+
+
+def _pushed(hint: Hint, explanation: Explanation) -> Hint:
+    """A hint with the sizes that the balance of work gave: no slope tells where a load begins and ends."""
+    for hypothesis, values in explanation.pushes:
+        if hypothesis.label == hint.label:
+            return replace(hint, hypotheses=(hypothesis,), values=values)
+    return hint
 
 
 def widen(search: Search, explanation: Explanation, base: Attempt, hints: Sequence[Hint]) -> None:
@@ -110,17 +119,22 @@ def deafen(search: Search, explanation: Explanation, base: Attempt, channel: str
     for follower, trace in zip(hearing, search.traces, strict=True):
         first = follower.measured.first - trace.measured.first
         follower.measured = trace.measured.part(first, first + follower.segments)
-    for hypothesis, added in kinds(search, found, hearing, channel):
+    best = np.inf
+    for hypothesis, added, misfit in kinds(search, found, hearing, channel):
+        if explained(explanation.best) and misfit > _RIVAL * best:
+            return
+        best = min(best, misfit)
         held, values = beside(found, [hypothesis], added)
         search.refit(explanation, held, hearing, values, ANNEALING[2])
-        if explained(explanation.best):
-            return
 
 
 def kinds(
     search: Search, base: Attempt, hearing: Sequence[Follower], channel: str
-) -> list[tuple[Hypothesis, np.ndarray]]:
+) -> list[tuple[Hypothesis, np.ndarray, float]]:
     """Faults that would turn a channel's signal on the paths of ``base`` into the recorded one, best first.
+
+    Returns:
+        Each fault, its (unknowns,) values and what remains [sigma].
 
     Args:
         search: with its hypotheses.
@@ -142,7 +156,7 @@ def kinds(
         hypothesis = known.get((suspicion.effect, channel))
         if hypothesis is not None:
             values = np.array([suspicion.parameters[u.name] for u in hypothesis.unknowns])
-            found.append((hypothesis, values))
+            found.append((hypothesis, values, suspicion.misfit))
     return found
 
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from clearance.diagnosis.balance import _Balance, find_clock, settle_in, suggest_forces
+from clearance.diagnosis.balance import find_clock, settle_in, suggest_forces, suggest_names
 from clearance.diagnosis.demonstration import record
 from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.explain import Search
@@ -14,6 +14,7 @@ from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.measured import Measured, chain_of
 from clearance.diagnosis.rhythm import Rhythm
 from clearance.diagnosis.trace import aligned
+from clearance.diagnosis.work import Balance
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import DirectCurrentMotor, SpeedControl, TorqueRipple
 from clearance.mechanism.guide import StribeckGuide
@@ -87,10 +88,20 @@ def test_a_load_moves_the_journal_and_with_it_the_clearance():
 
 def test_a_load_over_a_part_of_the_stroke_begins_and_ends_where_it_does():
     search = traced(replace(NOMINAL, process=ConstantProcess(12.0, 0.1096, 0.1476)))
-    balance = _Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4)
+    balance = Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4)
     found = balance.best(search.groups["process_load(force, start, end)"])
     assert found.values[0] == pytest.approx(12.0, rel=0.05)
     np.testing.assert_allclose(found.values[1:], [0.1096, 0.1476], atol=1e-3)  # of a stroke of 0.1 m
+
+
+def test_a_table_is_known_for_the_load_that_it_is():
+    machine = SETTING.with_clearance(3e-4)
+    place = np.linspace(0.06, 0.16, 12)
+    force = np.where((place > 0.0999) & (place < 0.1401), -9.0, 0.0)
+    law = TabulatedForce("slider", "x", "slider_position", 0.06, place[1] - place[0], tuple(force))
+    likeliest = suggest_names(traced(NOMINAL), replace(machine, force=law), 3e-4)[0]
+    assert likeliest.label == "process_load(force, start, end)"
+    np.testing.assert_allclose(likeliest.values, [9.0, 0.1, 0.14], rtol=0.06)
 
 
 @pytest.mark.slow
@@ -136,7 +147,7 @@ def test_a_table_whose_load_the_reconstruction_counts_is_found_again_beside_it()
     drag = tuple(-2.8 * velocity)
     law = TabulatedForce("slider", "x", "slider_velocity", -4.5, velocity[1] - velocity[0], drag)
     search = traced(replace(NOMINAL, force=law))
-    tables = _Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4).tables(np.inf)
+    tables = Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4).tables(np.inf)
     table = next(one for one in tables if one.curve.argument == "slider_velocity")
     settled = settle_in(search, SETTING, table)
     inner = slice(2, -2)
@@ -160,7 +171,7 @@ def test_the_clock_of_another_recording_is_found_by_a_table():
 
 def test_waves_are_told_by_a_spline():
     search = traced(replace(NOMINAL, ripple=TorqueRipple(1.5, 6.0, 0.7)))
-    balance = _Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4)
+    balance = Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4)
     before = balance.fit((), np.zeros(0)).cost
     (table,) = (one for one in balance.tables(0.65 * before) if one.curve.body == "crank")
     assert (table.curve.interpolation, len(table.values)) == ("cubic", 24)
@@ -171,7 +182,7 @@ def test_waves_are_told_by_a_spline():
 
 def test_a_force_without_a_name_is_a_table_and_what_is_inside_a_joint_does_no_work():
     search = traced(replace(NOMINAL, spring=LinearSpring(400.0, 0.11)))
-    balance = _Balance(search, SETTING, SETTING.with_clearance(search.profile.best), search.profile.best)
+    balance = Balance(search, SETTING, SETTING.with_clearance(search.profile.best), search.profile.best)
     tables = [one for one in balance.tables(np.inf) if one.curve.body == "slider"]
     place = next(one for one in tables if one.curve.argument == "slider_position")
     inner = slice(1, -1)

@@ -9,10 +9,11 @@ from clearance.diagnosis.effect import load_effects
 from clearance.diagnosis.elsewhere import _try_out, begin_plausible, begin_sure
 from clearance.diagnosis.explain import Explanation
 from clearance.diagnosis.hypothesis import Setting, gather
+from clearance.diagnosis.screening import Hint
 from clearance.diagnosis.scrutiny import _compare_kinds
 from clearance.diagnosis.strategy import _enough, _search_all
 from clearance.diagnosis.verdict import unsettled
-from clearance.diagnosis.widen import glaring
+from clearance.diagnosis.widen import deafen, glaring, look
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.test_verdict import attempt
 
@@ -156,7 +157,7 @@ def test_kinds_of_a_sensors_fault_are_compared_up_to_the_one_that_was_found(monk
     nominal, delay = attempt([], 1.1), attempt(["sensor_delay"], 1.0)
     kinds = [SimpleNamespace(name=f"sensor_{kind}") for kind in ("resonance", "delay", "gain")]
     monkeypatch.setattr(
-        "clearance.diagnosis.scrutiny.kinds", lambda *_: [(kind, np.ones(1)) for kind in kinds]
+        "clearance.diagnosis.scrutiny.kinds", lambda *_: [(kind, np.ones(1), 1.0) for kind in kinds]
     )
     monkeypatch.setattr("clearance.diagnosis.scrutiny.beside", lambda base, held, values: (held, values))
     nominal.followers, nominal.scale = [], 1.0
@@ -165,3 +166,74 @@ def test_kinds_of_a_sensors_fault_are_compared_up_to_the_one_that_was_found(monk
         delay.hypotheses[0].channel = channel
         _compare_kinds(search, Explanation(nominal, [delay]), nominal)
         assert refitted == expected
+
+
+@pytest.mark.parametrize(
+    ("left", "expected"),
+    [
+        ([1.27, 1.37, 3.6], ["sensor_resonance", "sensor_delay"]),  # a damped resonance looks like a delay
+        ([1.27, 1.60, 3.6], ["sensor_resonance"]),
+    ],
+)
+def test_a_fault_that_explains_is_compared_with_those_that_look_alike(monkeypatch, left, expected):
+    module = "clearance.diagnosis.widen."
+    explanation, refitted = Explanation(attempt([], 2.6)), []
+    kinds = [SimpleNamespace(name=f"sensor_{kind}") for kind in ("resonance", "delay", "gain")]
+    deaf = SimpleNamespace(misfit=0.8, followers=[])
+
+    def refit(_, held, *more):
+        refitted.append(held[0].name)
+        explanation.attempts.append(attempt([held[0].name], 1.0))
+
+    monkeypatch.setattr(module + "_deaf", lambda *_: deaf)
+    monkeypatch.setattr(module + "beside", lambda base, held, values: (held, values))
+    monkeypatch.setattr(
+        module + "kinds", lambda *_: [(kind, np.ones(1), one) for kind, one in zip(kinds, left, strict=True)]
+    )
+    search = SimpleNamespace(report=lambda _: None, refit=refit, traces=[])
+    deafen(search, explanation, explanation.nominal, "rod_c_transverse")
+    assert refitted == expected
+
+
+@pytest.mark.parametrize(("misfit", "expected"), [(1.02, []), (5.0, ["sensor_gain + worn_bearing"])])
+def test_two_parts_that_do_not_explain_are_followed_on_paths_of_their_own(monkeypatch, misfit, expected):
+    again = []
+    nominal = attempt([], 40.0)
+    explanation = Explanation(nominal, [attempt(["sensor_gain"], 11.0)])
+
+    def widen(search, explanation, base, hints):
+        if base is not nominal:
+            pair = attempt(["sensor_gain", "worn_bearing"], misfit)
+            pair.label = "sensor_gain + worn_bearing"
+            explanation.attempts.append(pair)
+
+    strategy = "clearance.diagnosis.strategy."
+    prospects = SimpleNamespace(plain=[], likely=[], unlikely=[], pairs=[])
+    for name in ("glaring", "enlarge", "reshape", "begin_elsewhere"):
+        monkeypatch.setattr(strategy + name, lambda *_: None)
+    monkeypatch.setattr(strategy + "look", lambda *_: prospects)
+    monkeypatch.setattr(strategy + "widen", widen)
+    monkeypatch.setattr(strategy + "begin_again", lambda _, found: again.append(found.best.label))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(again) > 0)
+    _search_all(search, explanation, 3, lambda _: None)
+    assert again == expected
+
+
+def test_a_hint_begins_where_the_balance_of_work_saw_a_load(monkeypatch):
+    def hypothesis(label):
+        return SimpleNamespace(label=label, name=label, fault=None)
+
+    hints = [Hint((hypothesis(name),), np.zeros(3), gain) for name, gain in (("load", 5.0), ("spring", 3.0))]
+    found = SimpleNamespace(singles=hints, pairs=[])
+    monkeypatch.setattr("clearance.diagnosis.widen.screen", lambda *_: found)
+    base = attempt(["gravity"], 4.0)
+    base.label = "gravity"
+    seen = np.array([2.9, 0.09, 0.14])
+    explanation = Explanation(attempt([], 40.0), pushes=[(hypothesis("load"), seen)])
+    search = SimpleNamespace(
+        others=lambda _: [], setting=SimpleNamespace(joint="C"), workers=1, report=lambda _: None
+    )
+    prospects = look(search, explanation, base)
+    begun = {hint.label: hint.values for hint in [*prospects.plain, *prospects.likely, *prospects.unlikely]}
+    np.testing.assert_array_equal(begun["load"], seen)
+    np.testing.assert_array_equal(begun["spring"], np.zeros(3))
