@@ -123,7 +123,7 @@ def _try_out(
         return explained(explanation.best) and explanation.best is not before
 
     for group in groups:
-        for hypothesis in group[:_TRIALS]:
+        for hypothesis in _of_other_sizes(group)[:_TRIALS]:
             if search.late():
                 return
             held, values = beside(base, [hypothesis], hypothesis.start)
@@ -155,6 +155,17 @@ def _try_out(
     for misfit, held, row in list(best.values())[:_FITTED]:
         if misfit > (little if explained(base) else good) or search.late() or everywhere(held, row):
             return
+
+
+def _of_other_sizes(group: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Trials of one effect, other sizes before other shapes: a mode at 1.7 kHz is not found from 300 Hz."""
+    seen: dict[tuple[float, ...], int] = {}
+    order = []
+    for hypothesis in group:
+        size = tuple(hypothesis.start[~hypothesis.shapes])
+        seen[size] = seen.get(size, 0) + 1
+        order.append(seen[size])
+    return [group[i] for i in np.argsort(order, kind="stable")]
 
 
 def _single(hypothesis: Hypothesis) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.effect import load_effects
-from clearance.diagnosis.elsewhere import _try_out, begin_plausible, begin_sure
+from clearance.diagnosis.elsewhere import _of_other_sizes, _try_out, begin_plausible, begin_sure
 from clearance.diagnosis.explain import Explanation
 from clearance.diagnosis.hypothesis import Setting, gather
 from clearance.diagnosis.screening import Hint
@@ -123,6 +123,15 @@ def test_each_candidate_is_tried_though_something_small_explains():
     each = list({group[0].name: group for group in GROUPS}.values())
     _try_out(search, explanation, nominal, each[:2], None)
     assert fitted == ["guide_friction", "restitution"]
+
+
+def test_plausible_sizes_are_tried_before_other_shapes_of_one():
+    machine = Setting(SliderCrank(), "C").with_clearance(3e-4)
+    (group,) = gather(load_effects(["rod_flexibility"], []), machine, "C", ()).values()
+    first = _of_other_sizes(group)[:3]
+    assert [one.start[0] for one in first] == [300.0, 800.0, 2000.0]
+    assert len({one.start[1] for one in first}) == 1
+    assert len(_of_other_sizes(group)) == len(group)
 
 
 @pytest.mark.parametrize(
