@@ -19,16 +19,16 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.event_file_writer import EventFileWriter
 
 from clearance.commands import command, threads
-from clearance.diagnosis.demonstration import demonstration
-from clearance.diagnosis.effect import load_effects
-from clearance.diagnosis.explain import Explanation
-from clearance.diagnosis.hypothesis import Setting
-from clearance.diagnosis.measured import Measured, chain_of
+from clearance.diagnosis.hypotheses.demonstration import demonstration
+from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.judging.outcome import Outcome, diagnose
 from clearance.diagnosis.motion.outcome import diagnose as diagnose_motion
 from clearance.diagnosis.motion.recordings import only_motion, tracks_of, uncertain_bounds, zero_is_known
 from clearance.diagnosis.motion.search import Findings
-from clearance.diagnosis.outcome import Outcome, diagnose
 from clearance.diagnosis.report import write_report
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.sensing.measured import Measured, chain_of
 from clearance.errors import InputError
 from clearance.mechanism.description import write_mechanism
 from clearance.recording.bounds import listing
@@ -75,6 +75,7 @@ def main(cfg: DictConfig) -> None:
     def keep(explanation: Explanation | Findings) -> None:
         write_json(folder / "progress.json", _tried(explanation))
 
+    outcome: Outcome[Explanation] | Outcome[Findings]
     if only_motion([*recordings.values(), *held_out.values()]):
         if joint == UNKNOWN:
             raise InputError(
@@ -213,7 +214,7 @@ def _read(key: str, files: Sequence[Path]) -> dict[str, Recording]:
         raise InputError(f"{key}: {error}") from error
 
 
-def _write(folder: Path, outcome: Outcome) -> None:
+def _write(folder: Path, outcome: Outcome[Explanation] | Outcome[Findings]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "diagnosis.json", outcome.diagnosis)
     write_mechanism(folder / "corrected.yaml", outcome.machine, "\n".join(outcome.diagnosis["summary"]))

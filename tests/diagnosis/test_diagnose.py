@@ -6,11 +6,11 @@ from dataclasses import replace
 import pytest
 
 from clearance.diagnose import _files, _load
-from clearance.diagnosis.demonstration import CLEARANCE, FRICTION, SPEED, record
-from clearance.diagnosis.effect import load_effects
-from clearance.diagnosis.hypothesis import Setting
-from clearance.diagnosis.measured import Measured, chain_of
-from clearance.diagnosis.outcome import diagnose
+from clearance.diagnosis.hypotheses.demonstration import CLEARANCE, FRICTION, SPEED, record
+from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.judging.outcome import diagnose
+from clearance.diagnosis.sensing.measured import Measured, chain_of
 from clearance.errors import InputError
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.slider_crank import SliderCrank
@@ -106,7 +106,7 @@ def test_what_was_found_so_far_is_judged(stopped, monkeypatch):
     cut = 2 * len(whole.values) // 3
     parts = [whole.part(0, cut)], [whole.part(cut, len(whole.values))]
     if stopped == "interrupted":
-        monkeypatch.setattr("clearance.diagnosis.outcome.find_explanation", interrupt)
+        monkeypatch.setattr("clearance.diagnosis.judging.outcome.find_explanation", interrupt)
     limit = 1e-3 if stopped == "time_limit" else float("inf")
     found = diagnose(
         *parts, [setting], load_effects("physics"), (150 * RPM, 3000 * RPM), 1, 1, lambda _: None,

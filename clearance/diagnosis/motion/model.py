@@ -7,11 +7,11 @@ from math import isfinite, log
 
 import numpy as np
 
-from clearance.diagnosis.effect import Effect
-from clearance.diagnosis.hypothesis import settled
-from clearance.diagnosis.instrument import Instrument
+from clearance.diagnosis.hypotheses.effect import Effect
+from clearance.diagnosis.hypotheses.hypothesis import settled
 from clearance.diagnosis.motion.prediction import Guess
 from clearance.diagnosis.motion.track import Track
+from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.errors import InputError
 from clearance.mechanism.description import read_path, with_values
 from clearance.mechanism.drive import Drive, Free

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from clearance.diagnosis.effect import Effect
-from clearance.diagnosis.hypothesis import Setting
-from clearance.diagnosis.mismatch import whiteness
+from clearance.diagnosis.hypotheses.effect import Effect
+from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.judging.mismatch import whiteness
+from clearance.diagnosis.judging.outcome import Outcome
 from clearance.diagnosis.motion.beginning import begin
 from clearance.diagnosis.motion.fit import Fit, fit
 from clearance.diagnosis.motion.model import Model, encoder_zero, gather
@@ -25,7 +26,6 @@ from clearance.diagnosis.motion.verdict import (
     verdict_of,
 )
 from clearance.diagnosis.motion.where import maps, summary
-from clearance.diagnosis.outcome import Outcome
 from clearance.errors import InputError
 from clearance.recording.channels import si_unit
 
@@ -48,7 +48,7 @@ def diagnose(
     most: int,
     report: Callable[[str], None],
     keep: Callable[[Findings], None] = lambda _: None,
-) -> Outcome:
+) -> Outcome[Findings]:
     """Find what the nominal machine lacks, from how its crank turns and its slider moves.
 
     Args:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clearance.diagnosis.instrument import Instrument
 from clearance.diagnosis.motion.track import Track, respond
+from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.lanes import WIDTH
 from clearance.mechanism.parameters import PARAMETERS, Parameter
 from clearance.mechanism.slider_crank import SliderCrank

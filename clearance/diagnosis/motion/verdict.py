@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance.diagnosis.effect import Effect
+from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.motion.fit import Fit
 from clearance.diagnosis.motion.model import Term
 from clearance.diagnosis.motion.search import Attempt, Findings, zero_of

@@ -1,0 +1,1 @@
+"""From a guess to a path that follows a recording through its impacts."""

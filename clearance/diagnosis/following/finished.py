@@ -1,0 +1,259 @@
+"""Fits that an earlier run on the same recordings has finished, so that they need not be made again.
+
+A search is the same each time: what it fits follows from the recordings, the settings and what was fitted
+before. A fit is therefore known by its place in that history. A run that was killed, or stopped by its time
+limit, goes on from there; another program, recording or setting begins anew. The files hold numbers alone.
+"""
+
+import contextlib
+import hashlib
+import re
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+import clearance
+from clearance.diagnosis.following.attempt import COARSE, FINE, Attempt
+from clearance.diagnosis.following.growth import Followed, Start
+from clearance.diagnosis.following.trace import Alignment, Profile, Trace
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.kinematics.reconstruction import Reconstruction
+from clearance.diagnosis.sensing.measured import Measured
+from clearance.diagnosis.shooting import follow
+from clearance.diagnosis.shooting.fit import fit
+from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.model import Model
+from clearance.errors import InputError
+from clearance.provenance import fingerprint
+from clearance.whole_files import write_atomically
+
+_KEPT = 30  # diagnoses whose fits stay in a folder, of about a MiB each
+_NAME = re.compile("[0-9a-f]{16}")  # of a diagnosis' folder
+_PROGRAM = ("diagnosis", "mechanism", "recording", "simulation")  # packages that a fit depends on
+Found = TypeVar("Found")
+Arrays = Mapping[str, np.ndarray]
+
+
+class Finished:
+    """The fits of one search, kept in a folder.
+
+    Args:
+        folder: for the files; ``None``: nothing is kept.
+        recordings: that are fitted.
+        report: called where they cannot be kept.
+    """
+
+    def __init__(
+        self, folder: Path | None, recordings: Sequence[Measured], report: Callable[[str], None]
+    ) -> None:
+        self.folder, self.report = folder, report
+        self.recordings = list(recordings)
+        self._history = hashlib.sha256()
+        if folder is not None:
+            _make_room(folder)
+
+    def stop(self) -> None:
+        """Keep nothing from here on: what a search does once it is late is no part of one that goes on."""
+        self.folder = None
+
+    def attempt(
+        self,
+        hypotheses: Sequence[Hypothesis],
+        model: Model,
+        make: Callable[[], Attempt | None],
+        workers: int,
+    ) -> Attempt | None:
+        """A fit to all recordings."""
+
+        def pack(found: Attempt) -> dict[str, np.ndarray]:
+            about = {"values": found.fit.values, "scale": np.array(found.scale)}
+            return about | self._packed(found.followers)
+
+        def unpack(kept: Arrays) -> Attempt:
+            followers, scale = self._followers(kept), float(kept["scale"])
+            again = fit(followers, model, kept["values"], 0, 1.0, workers, scale=scale)
+            return Attempt(tuple(hypotheses), model, again, scale, again.level, followers)
+
+        return self._recall(" + ".join(h.label for h in hypotheses), make, pack, unpack)
+
+    def followed(self, label: str, make: Callable[[], Followed | None]) -> Followed | None:
+        """A trial on one recording."""
+
+        def pack(found: Followed) -> dict[str, np.ndarray]:
+            follower, values, misfit = found
+            return {"values": values, "misfit": np.array(misfit)} | self._packed([follower])
+
+        def unpack(kept: Arrays) -> Followed:
+            return self._followers(kept)[0], kept["values"], float(kept["misfit"])
+
+        return self._recall(label, make, pack, unpack)
+
+    def number(self, label: str, make: Callable[[], float]) -> float:
+        """Some number that takes long to find."""
+        found = self._recall(
+            label, make, lambda one: {"number": np.array(one)}, lambda kept: float(kept["number"])
+        )
+        assert found is not None
+        return found
+
+    def profile(self, make: Callable[[], Profile]) -> Profile:
+        """How well the motion agrees with each clearance."""
+        found = self._recall(
+            "profile", make, lambda one: {"clearance": one.clearance, "misfit": one.misfit},
+            lambda kept: Profile(kept["clearance"], kept["misfit"]),
+        )  # fmt: skip
+        assert found is not None
+        return found
+
+    def traces(self, alignments: Sequence[Alignment], make: Callable[[], list[Trace]]) -> list[Trace]:
+        """The path of every recording."""
+
+        def pack(found: list[Trace]) -> dict[str, np.ndarray]:
+            packed = {}
+            for r, one in enumerate(found):
+                packed[f"{r} nodes"] = one.path.nodes
+                packed[f"{r} numbers"] = np.array(
+                    [one.path.misfit, one.path.force, one.path.speed, *one.arms]
+                )
+            return packed
+
+        def unpack(kept: Arrays) -> list[Trace]:
+            traces = []
+            for r, (measured, alignment) in enumerate(zip(self.recordings, alignments, strict=True)):
+                misfit, force, speed, crank, rod = map(float, kept[f"{r} numbers"])
+                path = Reconstruction(kept[f"{r} nodes"], misfit, force, speed)
+                traces.append(Trace(measured, alignment, path, (crank, rod)))
+            return traces
+
+        found = self._recall("traces", make, pack, unpack)
+        assert found is not None
+        return found
+
+    def starts(self, traces: Sequence[Trace], make: Callable[[], list[Start]]) -> list[Start]:
+        """Where every recording can be followed from."""
+
+        def pack(found: list[Start]) -> dict[str, np.ndarray]:
+            about = np.array([[one.island, one.doubt] for one in found])
+            return {"about": about} | self._packed([one.follower for one in found])
+
+        def unpack(kept: Arrays) -> list[Start]:
+            each = zip(traces, self._followers(kept), kept["about"], strict=True)
+            return [Start(trace, own, int(island), float(doubt)) for trace, own, (island, doubt) in each]
+
+        found = self._recall("starts", make, pack, unpack)
+        assert found is not None
+        return found
+
+    def _recall(
+        self,
+        label: str,
+        make: Callable[[], Found | None],
+        pack: Callable[[Found], Arrays],
+        unpack: Callable[[Arrays], Found],
+    ) -> Found | None:
+        """What ``make`` returns, or returned at this place of the history; an empty file is ``None``."""
+        self._history.update(f"{label}\n".encode())
+        if self.folder is None:
+            return make()
+        path = self.folder / f"{self._history.hexdigest()[:24]}.npz"
+        kept = _read(path)
+        if kept is not None:
+            return unpack(kept) if kept else None
+        found = make()
+        packed = {} if found is None else pack(found)
+        try:
+            write_atomically(path, lambda file: np.savez(file, **packed))  # type: ignore[arg-type]
+        except InputError as error:
+            self.report(f"fits are not kept for another run: {error}")
+            self.stop()
+        return found
+
+    def _packed(self, followers: Sequence[Follower]) -> dict[str, np.ndarray]:
+        names = [one.name for one in self.recordings]
+        packed = {}
+        for i, follower in enumerate(followers):
+            measured = follower.measured
+            r = names.index(measured.name)
+            packed[f"{i} place"] = np.array([r, measured.first - self.recordings[r].first])
+            packed[f"{i} nodes"], packed[f"{i} inputs"] = follower.path.nodes, follower.path.inputs
+            packed[f"{i} sigma"] = follower.input_sigma
+            packed[f"{i} clock"] = np.array([measured.clock, measured.period])
+            packed[f"{i} fine"] = np.array(follower.integrator == FINE)
+        return packed
+
+    def _followers(self, kept: Arrays) -> list[Follower]:
+        followers: list[Follower] = []
+        while (key := f"{len(followers)} ") + "place" in kept:
+            r, first = map(int, kept[f"{key}place"])
+            nodes = kept[f"{key}nodes"]
+            clock, period = map(float, kept[f"{key}clock"])
+            whole = replace(self.recordings[r], clock=clock, period=period)
+            measured = whole.part(first, first + len(nodes))
+            integrator = FINE if kept[f"{key}fine"] else COARSE
+            follower = Follower(measured, integrator, kept[f"{key}sigma"])
+            follower.path = follow.Path(nodes, kept[f"{key}inputs"])
+            followers.append(follower)
+        return followers
+
+
+def kept_in(
+    root: Path | None,
+    recordings: Sequence[Measured],
+    alignments: Sequence[Alignment],
+    setting: Setting,
+    groups: Mapping[str, Sequence[Hypothesis]],
+) -> Path | None:
+    """The folder in ``root`` for the fits of one search: named by all that they depend on."""
+    if root is None:
+        return None
+    content = hashlib.sha256()
+    for one in recordings:
+        content.update(one.values.tobytes())
+    known = {
+        "program": _program(), "content": content.hexdigest(), "machine": setting.machine,
+        "joint": setting.joint, "alignments": list(alignments),
+        "recordings": [[one.name, one.channels, one.sigma.tolist(), one.chain] for one in recordings],
+        "hypotheses": [
+            [h.label, h.start.tolist(), h.off.tolist(), h.unknowns] for g in groups.values() for h in g
+        ],
+        "effects": [group[0].effect for group in groups.values()],
+    }  # fmt: skip
+    return root / fingerprint(known)
+
+
+@cache
+def _program() -> str:
+    """SHA-256 of the source that fits depend on."""
+    content, package = hashlib.sha256(), Path(clearance.__file__).parent
+    for path in sorted(p for name in _PROGRAM for p in (package / name).rglob("*.py")):
+        content.update(path.read_bytes())
+    return content.hexdigest()
+
+
+def _make_room(folder: Path) -> None:
+    """Make the folder; of those like it beside it only the newest stay. Nothing else is touched there."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        alike = [p for p in folder.parent.iterdir() if _NAME.fullmatch(p.name) and p.is_dir()]
+        alike.sort(key=lambda p: p.stat().st_mtime)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror or error}); change finished") from error
+    for outdated in alike[:-_KEPT]:
+        with contextlib.suppress(OSError):  # another run may be at it, or it holds what is not ours
+            for file in outdated.glob("*.npz"):
+                file.unlink()
+            outdated.rmdir()
+
+
+def _read(path: Path) -> dict[str, np.ndarray] | None:
+    """The arrays of a file, or ``None`` where there is none that can be read."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            return dict(arrays)
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+        return None

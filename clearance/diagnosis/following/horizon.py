@@ -1,0 +1,111 @@
+"""Run on by one segment and correct what came before; put a torn stretch together anew.
+
+Reference: moving-horizon estimation, Rao, Rawlings & Mayne 2003, IEEE Trans. Autom. Control 48(2), 246-258.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from clearance.diagnosis.following.particles import DOUBT, FRESH, Lost, rejoin
+from clearance.diagnosis.shooting.fit import settle
+from clearance.diagnosis.shooting.follow import EDGE, Follower
+from clearance.diagnosis.shooting.model import Model
+
+AHEAD = 2  # segments that are predicted beyond a new one
+_HORIZON = 12  # segments that are corrected with a new one
+_CORRECTIONS = 3  # iterations of that
+_ENOUGH = 1.05  # cost a sample at which a step is good
+_GOAL = 1.2  # cost a sample of a stretch that is followed
+_KNOWN = 1e-3  # factor on the doubt of a node that stays where it is
+_NOTHING = np.zeros((1, 0))
+
+
+def advance(
+    follower: Follower, fixed: Model, segment: int, end: int, limit: float = np.inf, begin: int = 0
+) -> bool:
+    """Run on from a segment that is known, and correct it and those before it by what it should show.
+
+    Args:
+        follower: whose path after the segment is replaced.
+        fixed: model without unknowns.
+        segment: that is known, up to what the next samples correct.
+        end: segment that is not touched.
+        limit: cost a sample of a segment from which on the path is looked for.
+        begin: first segment that is followed: what lies before is not looked for.
+
+    Returns:
+        Whether all segments that can be judged cost less.
+    """
+    lost = _step(follower, fixed, segment, end, limit, max(segment - _HORIZON, 0), begin, DOUBT)
+    return lost is None or rejoin(lost, fixed, limit)
+
+
+def step(follower: Follower, fixed: Model, segment: int, end: int, limit: float, begin: int) -> Lost | None:
+    """As ``advance``, where nothing is known before ``begin``; says what is lost and does not look for it."""
+    first = max(segment - _HORIZON, begin)
+    return _step(follower, fixed, segment, end, limit, first, begin, FRESH if first == begin else DOUBT)
+
+
+def _step(
+    follower: Follower,
+    fixed: Model,
+    segment: int,
+    end: int,
+    limit: float,
+    first: int,
+    begin: int,
+    doubt: float,
+) -> Lost | None:
+    machine = fixed.machine(_NOTHING[0])
+    last = min(segment + 1 + AHEAD, end)
+    for place in range(segment, min(last, follower.segments - 1)):
+        follower.path.nodes[place + 1] = follower.arrival(machine, place)
+    found = settle(
+        [follower], fixed, _NOTHING, _CORRECTIONS, 1e-1, 1, goal=_ENOUGH, first=first, last=last, doubt=doubt
+    )
+    own = max(first, begin)
+    lost = found.passes[0].each[own - first :][EDGE:-EDGE] > limit
+    return Lost(follower, own, last, own + EDGE + int(np.argmax(lost)), own == begin) if lost.any() else None
+
+
+def mend(follower: Follower, fixed: Model, first: int, last: int, limit: float = np.inf) -> None:
+    """Put a short stretch together anew between what is known on both sides; kept where that is better.
+
+    Args:
+        follower: with a path; changed from ``first`` to ``last``.
+        fixed: model without unknowns.
+        first: first segment.
+        last: one beyond the last.
+        limit: cost a sample of a segment from which on the path is looked for, until that fails.
+    """
+    first, last = max(first, 0), min(last, follower.segments)
+    inside = last < follower.segments
+    before = follower.path.copy()
+
+    def joined(scales: Sequence[float]) -> float:
+        for scale in scales:
+            found = settle(
+                [follower], fixed, _NOTHING, 4, 5e-2, 1, goal=_GOAL if scale == 1.0 else 0.0,
+                first=first, last=last, scale=scale, doubt=_KNOWN, inside=inside,
+            )  # fmt: skip
+        return found.cost / max(found.passes[0].samples, 1)
+
+    cost = joined((10.0, 3.0, 1.0))
+    if cost < _GOAL:
+        return
+    best, follower.path = follower.path, before.copy()
+    for segment in range(first, last - 1):
+        if not advance(follower, fixed, segment, last, limit):
+            limit = np.inf
+    if inside:
+        follower.path.nodes[last - 1 :] = before.nodes[last - 1 :]
+    if not joined((3.0, 1.0)) < cost:
+        follower.path = best
+
+
+def islands(mask: np.ndarray, margin: int) -> list[tuple[int, int]]:
+    """Ranges around what is set, joined where they touch."""
+    wide = np.convolve(mask, np.ones(2 * margin + 1), "same") > 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], wide, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -1,0 +1,72 @@
+"""Go on from the path of a fitted stretch through the rest of its recording, up to what was held out."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import COARSE, TIGHT, Attempt, refine
+from clearance.diagnosis.following.growth import ISLAND, Followed, Start, grow, scale_of
+from clearance.diagnosis.following.trace import Trace
+from clearance.diagnosis.sensing.measured import SAMPLES, Measured
+from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.model import Model
+
+_BACK = 4  # segments before the end of the fitted stretch, which the end's samples hardly know
+
+
+def go_on(attempt: Attempt, traces: Sequence[Trace], model: Model, workers: int) -> Attempt | None:
+    """Follow what was held out from where the fitted stretches end; ``None`` where it comes before that.
+
+    Which states are possible when nothing before is known may be lost among many: a shoe that hangs between
+    its rails shows nothing of where. Whoever was on the way there knows.
+
+    Args:
+        attempt: that explains the fitted stretches.
+        traces: of what was held out.
+        model: of the attempt's machine, its speed unknown.
+        workers: threads.
+    """
+    pairs = [(trace, _before(attempt, trace.measured)) for trace in traces]
+
+    def one(pair: tuple[Trace, tuple[Follower, float] | None]) -> Followed:
+        trace, known = pair
+        assert known is not None
+        before, speed = known
+        own, end = trace.measured.first, trace.measured.first + trace.length
+        follower = Follower(_joined(before.measured, end), COARSE, TIGHT.copy())
+        follower.path.nodes[: before.segments] = before.path.nodes
+        start = Start(trace, follower, before.segments - ISLAND - _BACK, 0.0)
+        found, row, misfit = _grown(start, model, np.array([speed]))
+        skipped = own - found.measured.first
+        return found.part(skipped, found.segments), row, misfit
+
+    if any(known is None for _, known in pairs):
+        return None
+    with ThreadPoolExecutor(workers) as pool:
+        each = list(pool.map(one, pairs))
+    rows, misfit = np.stack([row for _, row, _ in each]), float(np.mean([m for _, _, m in each]))
+    return refine((), model, [follower for follower, _, _ in each], rows, scale_of(misfit), 8, workers)
+
+
+def _grown(start: Start, model: Model, row: np.ndarray) -> Followed:
+    found = grow(start, model, row, most=start.follower.segments, patient=True)
+    assert found is not None  # without a limit none is given up
+    return found
+
+
+def _before(attempt: Attempt, measured: Measured) -> tuple[Follower, float] | None:
+    """The follower of the stretch of the same recording that ends before a part, and its speed [rpm]."""
+    for follower, row in zip(attempt.followers, attempt.fit.values, strict=True):
+        own = follower.measured
+        same = own.name == measured.name and len(own.recorded) == len(measured.recorded)
+        if same and own.first + follower.segments <= measured.first:
+            return follower, float(row[-1])
+    return None
+
+
+def _joined(measured: Measured, end: int) -> Measured:
+    """The recording from where a part of it begins up to a segment of the whole."""
+    part = measured.recorded[measured.first * SAMPLES : end * SAMPLES]
+    return replace(measured, values=part.reshape(-1, SAMPLES, part.shape[1]))

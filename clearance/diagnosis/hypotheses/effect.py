@@ -1,0 +1,426 @@
+"""Named effects: physics or an instrument's faults that a simulator may lack, read from ``conf/effect``.
+
+An effect is data: the laws that it switches on, the numbers that are free, where each of them vanishes.
+Applied to a machine it gives another machine, so that several effects compose by applying one after the
+other. Adding one is a YAML file and, if need be, a law.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields, replace
+from functools import cache
+from itertools import product
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
+
+from clearance.configuration import CONFIGURATION
+from clearance.diagnosis.sensing.instrument import FAULTY_CHANNELS, Instrument
+from clearance.errors import InputError
+from clearance.mechanism.description import difference, read_path, with_laws, with_values
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.recording.bounds import listing, resembling
+from clearance.recording.channels import require_channel
+
+KINDS = ("physics", "instrument")
+NOMINAL = "nominal"
+"""An effect's ``off``: the value that the machine has without the effect."""
+
+_OPERATIONS = ("set", "multiply", "add")
+_SCALES = ("linear", "log")
+_JOINTS = {"B": ("joint_b", "joint_c"), "C": ("joint_c", "joint_b")}
+_PLAIN = {"joint_b": "joint B", "joint_c": "joint C"}
+
+
+@dataclass(frozen=True)
+class FreeParameter:
+    """A number of an effect that is found from data.
+
+    Attributes:
+        name: as in the report.
+        path: of the value in a ``SliderCrank`` that it sets, with ``{joint}`` and ``{other_joint}``; of an
+            instrument's effect, the fault of an ``Instrument``.
+        unit: SI, but deg for mounting angles.
+        bounds: low, high.
+        off: where the effect vanishes; ``None``: at the machine's own value (see ``Effect.off``).
+        start: a plausible size.
+        scale: linear or log, for steps and intervals.
+        operation: set the value at the path, multiply it or add to it.
+        of: path of the value that is multiplied or added to, where that is another one.
+        over: path of a value that the parameter is divided by first.
+        shape: whether it has a meaning only where another parameter is not off.
+        whole: whether it counts something.
+        trials: values to begin a fit at.
+        phrase: its part of the effect's sentence, around ``{value}``.
+    """
+
+    name: str
+    path: str
+    unit: str
+    bounds: tuple[float, float]
+    off: float | None
+    start: float
+    scale: str = "linear"
+    operation: str = "set"
+    of: str | None = None
+    over: str | None = None
+    shape: bool = False
+    whole: bool = False
+    trials: tuple[float, ...] = ()
+    phrase: str = "{value}"
+
+    def __post_init__(self) -> None:
+        low, high = self.bounds
+        checks = (
+            (self.operation in _OPERATIONS, f"operation = {self.operation!r} is not one of {_OPERATIONS}"),
+            (self.scale in _SCALES, f"scale = {self.scale!r} is not one of {_SCALES}"),
+            (low < high, f"bounds = {list(self.bounds)} do not rise"),
+            (self.scale == "linear" or low > 0.0, f"bounds = {list(self.bounds)} reach 0 on a log scale"),
+            (
+                all(low <= value <= high for value in (self.start, *self.trials)),
+                f"start = {self.start} and trials = {list(self.trials)} must lie within {list(self.bounds)}",
+            ),
+            ("{value}" in self.phrase, f"phrase = {self.phrase!r} does not show {{value}}"),
+        )
+        for holds, message in checks:
+            if not holds:
+                raise InputError(message)
+
+    def text(self, value: float) -> str:
+        """The value with its unit, for people: lengths and times in millionths where they are small."""
+        unit = {"-": "", "deg": "°"}.get(self.unit, f" {self.unit}")
+        if self.unit in ("m", "s") and 0.0 < abs(value) < 1e-3:
+            value, unit = 1e6 * value, f" µ{self.unit}"
+        return f"{value:.4g}{unit}"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A subset of an effect's parameters that is tried as a hypothesis of its own.
+
+    Attributes:
+        free: names of the parameters.
+        patch: instead of the effect's; ``None``: the effect's.
+        direction: instead of the effect's; ``None``: the effect's.
+    """
+
+    free: tuple[str, ...]
+    patch: Mapping[str, Any] | None = None
+    direction: str | None = None
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Something that a simulator may lack.
+
+    Attributes:
+        name: as in the report.
+        kind: physics or instrument.
+        body: where it acts; with ``{joint}`` and ``{other_joint}``.
+        direction: in which it acts.
+        reference: literature.
+        validity: where the law holds, in words.
+        sentence: what it says when it is found, around ``{parameters}``.
+        free: its parameters.
+        patch: laws that are switched on, nested like a mechanism's configuration; their numbers stand for
+            parameters that are left alone.
+        choices: its variants; none: one, with all parameters.
+        each_channel: whether it is a fault of one channel (instruments).
+        channel: of which channel, where ``each_channel`` and chosen.
+    """
+
+    name: str
+    kind: str
+    body: str
+    direction: str
+    reference: str
+    validity: str
+    sentence: str
+    free: tuple[FreeParameter, ...]
+    patch: Mapping[str, Any] = field(default_factory=dict)
+    choices: tuple[Variant, ...] = ()
+    each_channel: bool = False
+    channel: str | None = None
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the free parameters."""
+        return tuple(parameter.name for parameter in self.free)
+
+    def parameter(self, name: str) -> FreeParameter:
+        """One free parameter by name."""
+        for parameter in self.free:
+            if parameter.name == name:
+                return parameter
+        raise InputError(f"effect {self.name} has no parameter {name!r}; it has {listing(self.parameters)}")
+
+    def variants(self, channels: Sequence[str] = FAULTY_CHANNELS) -> tuple["Effect", ...]:
+        """The hypotheses that the effect stands for, simple ones first.
+
+        Args:
+            channels: in which a fault of one channel is looked for.
+        """
+        if self.each_channel and self.channel is None:
+            return tuple(self.on_channel(name) for name in channels if name in FAULTY_CHANNELS)
+        return tuple(
+            replace(
+                self,
+                free=tuple(self.parameter(name) for name in choice.free),
+                patch=self.patch if choice.patch is None else choice.patch,
+                direction=choice.direction or self.direction,
+                choices=(),
+            )
+            for choice in self.choices
+        ) or (self,)
+
+    def on_channel(self, channel: str) -> "Effect":
+        """The fault of one channel's instrument."""
+        if not self.each_channel:
+            raise InputError(f"effect {self.name} is no fault of one channel")
+        return replace(self, channel=require_channel(channel, f"effect {self.name}"))
+
+    def place(self, joint: str) -> str:
+        """The body where it acts: crank, rod, slider, frame, joint_b, joint_c or instrument."""
+        return _filled(self.body, joint)
+
+    def off(self, machine: SliderCrank, joint: str) -> dict[str, float]:
+        """The value of each parameter at which the effect vanishes."""
+        return {
+            parameter.name: float(read_path(machine, _filled(parameter.of or parameter.path, joint)))
+            if parameter.off is None
+            else parameter.off
+            for parameter in self.free
+        }
+
+    def starts(self, machine: SliderCrank, joint: str) -> Iterator[dict[str, float]]:
+        """Values to begin a fit at: every combination of the trials that the machine allows."""
+        for values in product(*[parameter.trials or (parameter.start,) for parameter in self.free]):
+            named = dict(zip(self.parameters, map(float, values), strict=True))
+            try:
+                self.machine(machine, joint, named)
+            except InputError:
+                continue
+            yield named
+
+    def machine(self, machine: SliderCrank, joint: str, values: Mapping[str, float]) -> SliderCrank:
+        """The machine with this effect.
+
+        Args:
+            machine: without it.
+            joint: the diagnosed one, B or C.
+            values: of free parameters; one that is not named is left alone. With all of them off but for the
+                shape's, the machine is returned as it is; an instrument's fault leaves it as it is.
+
+        Raises:
+            InputError: unknown names, or values that a law does not take.
+        """
+        for name in values:
+            self.parameter(name)
+        if self.kind == "instrument":
+            return machine
+        off = self.off(machine, joint)
+        sizes = [
+            parameter.name for parameter in self.free if not parameter.shape and parameter.name in values
+        ]
+        if all(values[name] == off[name] for name in sizes):
+            return machine
+        changed = with_laws(machine, _filled_keys(self.patch, joint))
+        settings: dict[str, float] = {}
+        for name, value in values.items():
+            parameter = self.parameter(name)
+            path = _filled(parameter.path, joint)
+            part = value / read_path(machine, _filled(parameter.over, joint)) if parameter.over else value
+            if parameter.operation != "set":
+                source = machine if parameter.of else changed
+                base = read_path(source, _filled(parameter.of or parameter.path, joint))
+                part = base * part if parameter.operation == "multiply" else base + part
+            settings[path] = float(part)
+        return with_values(changed, settings)
+
+    def instrument(self, instrument: Instrument, values: Mapping[str, float]) -> Instrument:
+        """The instruments with this fault; physics leaves them as they are."""
+        if self.kind == "physics":
+            return instrument
+        if self.each_channel and self.channel is None:
+            raise InputError(f"effect {self.name}: which channel's? choose one with on_channel")
+        for name, value in values.items():
+            parameter = self.parameter(name)
+            if isfinite(value) or not parameter.shape:
+                instrument = instrument.changed(parameter.path, value, self.channel)
+        return instrument
+
+    def describe(self, values: Mapping[str, float | str], joint: str) -> str:
+        """The effect in plain words.
+
+        Args:
+            values: of the parameters, as numbers or as finished text ("5.1 N (4.8 to 5.4)").
+            joint: the diagnosed one.
+        """
+        phrases = []
+        for name, value in values.items():
+            parameter = self.parameter(name)
+            shown = value if isinstance(value, str) else parameter.text(value)
+            phrases.append(parameter.phrase.format(value=shown))
+        text = self.sentence.format(
+            parameters=", ".join(phrases), channel=self.channel, joint="{joint}", other_joint="{other_joint}"
+        )
+        text = _filled(text, joint)
+        for short, plain in _PLAIN.items():
+            text = text.replace(short, plain)
+        return text[0].upper() + text[1:]
+
+
+def corrected_machine(
+    machine: SliderCrank, joint: str, effects: Sequence[tuple[Effect, Mapping[str, float]]]
+) -> SliderCrank:
+    """The machine with several effects, applied one after the other."""
+    for effect, values in effects:
+        machine = effect.machine(machine, joint, values)
+    return machine
+
+
+def corrected_patch(
+    machine: SliderCrank, joint: str, effects: Sequence[tuple[Effect, Mapping[str, float]]]
+) -> dict[str, Any]:
+    """What several effects change in the mechanism's configuration, nested."""
+    return difference(machine, corrected_machine(machine, joint, effects))
+
+
+def load_effects(
+    names: str | Sequence[str] = "all",
+    without: Sequence[str] = (),
+    kind: str | None = None,
+    folder: Path = CONFIGURATION / "effect",
+) -> tuple[Effect, ...]:
+    """The effects that a diagnosis tries.
+
+    Args:
+        names: ``all``, ``physics``, ``instrument``, one effect's name or several.
+        without: names that are left out.
+        kind: only physics, or only instrument.
+        folder: one YAML file an effect.
+
+    Raises:
+        InputError: a name or kind that does not exist, or a file that describes no effect.
+    """
+    every = _all_effects(folder)
+    if kind is not None and kind not in KINDS:
+        raise InputError(f"kind = {kind!r} is not one of {', '.join(KINDS)}")
+    if isinstance(names, str):
+        names = list(every) if names == "all" else [names]
+    wanted: dict[str, Effect] = {}
+    for name in names:
+        if name in KINDS:
+            wanted |= {effect.name: effect for effect in every.values() if effect.kind == name}
+        else:
+            wanted[name] = every[_known(name, every, "hypotheses", (*KINDS, "all"))]
+    for name in without:
+        wanted.pop(_known(name, every, "without"), None)
+    return tuple(effect for effect in wanted.values() if kind in (None, effect.kind))
+
+
+def _known(name: str, every: Mapping[str, Effect], key: str, more: Sequence[str] = ()) -> str:
+    if name not in every:
+        allowed = [*more, *every]
+        raise InputError(
+            f"{key}: {name!r} is not an effect{resembling(str(name), allowed)}; choose from "
+            f"{listing(allowed, len(allowed))}"
+        )
+    return name
+
+
+@cache
+def _all_effects(folder: Path) -> dict[str, Effect]:
+    effects = [read_effect(path) for path in sorted(folder.glob("*.yaml"))]
+    return {effect.name: effect for effect in effects}
+
+
+def read_effect(path: Path) -> Effect:
+    """The effect that a file describes.
+
+    Raises:
+        InputError: with the file, the key and what is allowed.
+    """
+    try:
+        content = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
+        if not isinstance(content, dict):
+            raise InputError("holds no keys")
+        named: dict[str, Any] = {str(key): value for key, value in content.items()}
+        free = tuple(_parameter(name, entry) for name, entry in (named.pop("free", None) or {}).items())
+        choices = tuple(_variant(entry) for entry in named.pop("variants", None) or ())
+        effect: Effect = _made(Effect, {**named, "free": free, "choices": choices}, ("channel",))
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+    except (YAMLError, OmegaConfBaseException) as error:
+        raise InputError(f"{path}: is no YAML file ({' '.join(str(error).split())})") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    if effect.kind not in KINDS:
+        raise InputError(f"{path}: kind = {effect.kind!r} is not one of {', '.join(KINDS)}; change kind")
+    if effect.name != path.stem:
+        raise InputError(f"{path}: name = {effect.name!r} must be the file's, {path.stem!r}; change name")
+    if not free:
+        raise InputError(f"{path}: free names no parameter; give at least one")
+    for choice in choices:
+        for name in choice.free:
+            try:
+                effect.parameter(name)
+            except InputError as error:
+                raise InputError(f"{path}: variants: {error}") from None
+    return effect
+
+
+def _parameter(name: str, entry: Any) -> FreeParameter:
+    if not isinstance(entry, dict):
+        raise InputError(f"free.{name} = {entry!r} is no mapping")
+    given = {str(key): value for key, value in entry.items()}
+    try:
+        for key in ("bounds", "trials"):
+            if key in given:
+                given[key] = tuple(float(value) for value in given[key])
+        for key in ("start", "off"):
+            if given.get(key) != NOMINAL and key in given:
+                given[key] = float(given[key])
+        if len(given.get("bounds", (0.0, 1.0))) != 2:
+            raise InputError(f"bounds = {list(given['bounds'])} are not two numbers")
+        if given.get("off") == NOMINAL:
+            given["off"] = None
+        return _made(FreeParameter, {"name": name, **given})
+    except (TypeError, ValueError) as error:
+        raise InputError(f"free.{name}: {error}") from None
+
+
+def _variant(entry: Any) -> Variant:
+    given = entry if isinstance(entry, dict) else {"free": entry}
+    if not isinstance(given.get("free"), list) or not given["free"]:
+        raise InputError(f"variants: {entry!r} names no parameters; give a list of names")
+    return _made(Variant, {**given, "free": tuple(given["free"])})
+
+
+def _made(kind: Any, given: Mapping[str, Any], hidden: Sequence[str] = ()) -> Any:
+    """A dataclass from keys, with one line about keys that are unknown or missing."""
+    allowed = [entry.name for entry in fields(kind) if entry.name not in hidden]
+    unknown = [name for name in given if name not in allowed]
+    if unknown:
+        raise InputError(
+            f"unknown key {unknown[0]!r}{resembling(unknown[0], allowed)}; allowed are {listing(allowed, 20)}"
+        )
+    needed = [e.name for e in fields(kind) if e.default is MISSING and e.default_factory is MISSING]
+    missing = [name for name in needed if name not in given]
+    if missing:
+        raise InputError(f"the key {missing[0]!r} is missing; give {listing(needed, 20)}")
+    return kind(**given)
+
+
+def _filled(text: str, joint: str) -> str:
+    if joint not in _JOINTS:
+        raise InputError(f"joint = {joint!r} is not one of {', '.join(_JOINTS)}; change joint")
+    this, other = _JOINTS[joint]
+    return text.replace("{joint}", this).replace("{other_joint}", other)
+
+
+def _filled_keys(patch: Mapping[str, Any], joint: str) -> dict[str, Any]:
+    return {_filled(name, joint): value for name, value in patch.items()}

@@ -1,0 +1,367 @@
+"""What the unknown forces look like: as a time series, against every hypothesis, and as a curve of free form.
+
+Beside a fitted model, unknown forces on crank, rod and slider kept the simulator on the recording. Whatever
+acts there in truth shows in them, segment by segment. A hypothesis is a pattern over the segments: the forces
+on crank, rod and slider that would do the same. Regressing one on the other is a robust second witness
+beside ``screening``: a few segments with a badly understood impact hardly count. The same regression on a
+table of one argument gives the force of free form.
+
+References: Huber 1964, Ann. Math. Stat. 35(1), 73-101 (robust regression); Schwarz 1978, Ann. Stat. 6(2)
+(price of a parameter); de Boor 1978, A Practical Guide to Splines (tables).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.kinematics.regression import cost_of, regressed
+from clearance.diagnosis.sensing.measured import Measured
+from clearance.diagnosis.shooting.follow import EDGE, Follower
+from clearance.diagnosis.shooting.model import Unknown
+from clearance.diagnosis.shooting.stretch import INPUTS, Comparison, Pass
+from clearance.mechanism.applied_force import TabulatedForce, shares
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.simulation.layout import Signal
+
+_OUTLIER = 2.0  # of the scatter between neighbours, beyond which a segment counts linearly
+_ITERATIONS = 8
+_CORRELATED = 3.0  # neighbouring segments that count as one
+_STRAIGHT = 0.1  # weight of a bend of the table beside a segment
+_HALF = 0.5  # of a force's robust square: what leaves more of it is no function of an argument
+_CERTAIN, _STRONG = 0.1, 0.9  # of its size: no force is known better; quantile that tells this size
+_TAILS = 0.005  # of the argument's values to each side that the curve does not reach
+_FRICTION = 0.3  # of a contact's force: what may act beside it
+_LINE = 2  # knots over a contact's force, far beyond which impacts are: nothing holds the bends of more
+KNOTS = 12
+"""Of a curve that nobody has refined."""
+FREE_FORM = "free_form"
+"""Name of the hypothesis that is no named effect."""
+
+PLACES = (("crank", "torque"), ("rod", "moment"), ("slider", "x"))
+"""Where the unknown forces act, in the order of ``INPUTS``."""
+
+ARGUMENTS = ("crank_angle", "slider_position", "slider_velocity", "contact_force", "time")
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Unknown forces of all recordings, segment by segment.
+
+    Attributes:
+        forces: (segments, inputs) in standard deviations of their scatter.
+        scatter: (inputs,) between neighbouring segments [N m, N m, N].
+        arguments: name to (segments,) values in the middle of the segments.
+    """
+
+    forces: np.ndarray
+    scatter: np.ndarray
+    arguments: dict[str, np.ndarray]
+
+
+def observe_forces(
+    passes: Sequence[Pass], inputs: Sequence[np.ndarray], joint: str, recordings: Sequence[Measured]
+) -> Seen:
+    """Gather the unknown forces and what they may depend on.
+
+    Args:
+        passes: of a fit with unknown forces.
+        inputs: (segments, inputs) of each [N m, N m, N].
+        joint: whose contact force counts.
+        recordings: the stretches.
+    """
+    inner = slice(EDGE, -EDGE)
+    rows = [one[inner] for one in inputs]
+    neighbours = np.concatenate([np.diff(one, axis=0) for one in rows])
+    scatter = np.maximum(1.4826 / np.sqrt(2.0) * np.median(np.abs(neighbours), axis=0), 1e-9)
+    found = [arguments_along(one, joint, own) for one, own in zip(passes, recordings, strict=True)]
+    gathered = {name: np.concatenate([one[name] for one in found]) for name in ARGUMENTS}
+    return Seen(np.concatenate(rows) / scatter, scatter, gathered)
+
+
+def arguments_along(one: Comparison, joint: str, measured: Measured) -> dict[str, np.ndarray]:
+    """(segments,) values of each argument in the middle of a path's segments, its ends left out."""
+    signals = one.signals[EDGE:-EDGE, one.signals.shape[1] // 2]
+    return {
+        "crank_angle": signals[:, Signal.CRANK_ANGLE] % (2.0 * np.pi),
+        "slider_position": signals[:, Signal.SLIDER_POSITION],
+        "slider_velocity": signals[:, Signal.SLIDER_VELOCITY],
+        "contact_force": one.contacts[EDGE:-EDGE, :, 1 if joint == "B" else 3].mean(axis=1),
+        "time": measured.begin + measured.segment * (np.arange(len(signals)) + EDGE + 0.5),
+    }
+
+
+def patterns(
+    passes: Sequence[Pass], sigmas: Sequence[np.ndarray], columns: slice, scatter: np.ndarray
+) -> np.ndarray:
+    """(segments, inputs, columns) unknown forces that would do what a step of each column does.
+
+    Args:
+        passes: whose machine columns are asked for.
+        sigmas: (inputs,) standard deviations of the unknown forces of each.
+        columns: which of the passes' columns.
+        scatter: (inputs,) unit of the result [N m, N m, N].
+    """
+    found = []
+    for one, sigma in zip(passes, sigmas, strict=True):
+        flow = np.nan_to_num(one.system[0][EDGE:-EDGE], nan=0.0, posinf=0.0, neginf=0.0)
+        nz = flow.shape[1]
+        own = flow[:, :, nz : nz + len(INPUTS)]
+        found.append(
+            np.linalg.pinv(own) @ flow[:, :, nz + len(INPUTS) :][:, :, columns] * (sigma / scatter)[:, None]
+        )
+    return np.concatenate(found)
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A pattern's size and what it explains.
+
+    Attributes:
+        coefficients: (columns,).
+        deviations: (columns,) standard deviations.
+        gain: fall of the robust cost, in units of the scatter, correlated neighbours counted once.
+    """
+
+    coefficients: np.ndarray
+    deviations: np.ndarray
+    gain: float
+
+
+def regress(
+    seen: Seen, pattern: np.ndarray, low: np.ndarray | None = None, high: np.ndarray | None = None
+) -> Regression:
+    """Fit (segments, inputs, columns) patterns to the forces by iterated reweighting."""
+    target = seen.forces.ravel()
+    matrix = pattern.reshape(len(target), -1)
+    size = np.sqrt((matrix**2).sum(axis=0))
+    matrix = matrix / np.maximum(size, 1e-300)
+    weight = _weight(target)
+    x = np.zeros(matrix.shape[1])
+    normal = np.eye(len(x))
+    for _ in range(_ITERATIONS):
+        normal = (matrix * weight[:, None]).T @ matrix + 1e-9 * np.eye(len(x))
+        x = np.linalg.solve(normal, matrix.T @ (weight * target))
+        if low is not None and high is not None:
+            x = np.clip(x, low * size, high * size)
+        weight = _weight(target - matrix @ x)
+    left = target - matrix @ x
+    gain = float(_cost(target).sum() - _cost(left).sum()) / _CORRELATED
+    spread = np.sqrt(
+        np.diag(np.linalg.inv(normal)) * _CORRELATED * max(1.0, float((weight * left**2).mean()))
+    )
+    unit = np.maximum(size, 1e-300)
+    return Regression(x / unit, spread / unit, gain)
+
+
+def _weight(left: np.ndarray) -> np.ndarray:
+    return np.minimum(1.0, _OUTLIER / np.maximum(np.abs(left), _OUTLIER))
+
+
+def _cost(left: np.ndarray) -> np.ndarray:
+    size = np.abs(left)
+    return np.where(size <= _OUTLIER, size**2, 2.0 * _OUTLIER * size - _OUTLIER**2)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A force of free form that explains the unknown forces.
+
+    Attributes:
+        body: where it acts.
+        direction: in which.
+        argument: of ``ARGUMENTS``.
+        knots: (knots,) values of the argument.
+        forces: (knots,) [N or N m].
+        deviations: (knots,) standard deviations.
+        gain: as in ``Regression``.
+        price: of its parameters.
+        interpolation: between the knots, linear or cubic.
+        period: after which a force over time repeats [s]; ``None``: it does not.
+    """
+
+    body: str
+    direction: str
+    argument: str
+    knots: np.ndarray
+    forces: np.ndarray
+    deviations: np.ndarray
+    gain: float
+    price: float
+    interpolation: str = "linear"
+    period: float | None = None
+
+    @property
+    def repeats(self) -> bool:
+        """Whether it covers one turn of the crank, or one period."""
+        return self.argument == "crank_angle" or self.period is not None
+
+    def shares(self, values: np.ndarray) -> np.ndarray:
+        """(values, knots) of each knot's force at values of the argument."""
+        place = (values - self.knots[0]) / (self.knots[1] - self.knots[0])
+        straight = self.argument == "contact_force"
+        return shares(place, len(self.knots), self.repeats, self.interpolation, straight)
+
+
+def directions(joint: str) -> tuple[tuple[str, str], ...]:
+    """Bodies and directions in which a force can be missing with an ideal guide and a frame at rest."""
+    inside = f"joint_{joint.lower()}"
+    return (
+        ("crank", "torque"), ("rod", "x"), ("rod", "y"), ("rod", "moment"), ("slider", "x"),
+        (inside, "normal"), (inside, "tangential"),
+    )  # fmt: skip
+
+
+def constant(machine: SliderCrank, body: str, direction: str, size: float) -> SliderCrank:
+    """The machine with a constant force [N or N m]."""
+    return replace(machine, force=TabulatedForce(body, direction, values=(size,)))
+
+
+def proportional(machine: SliderCrank, body: str, direction: str, joint: str, size: float) -> SliderCrank:
+    """The machine with a force proportional to that of a joint's contact [N/N or N m/N]."""
+    law = TabulatedForce(body, direction, contact_force_of(joint), 0.0, 1.0, (0.0, size))
+    return replace(machine, force=law)
+
+
+def contact_force_of(joint: str) -> str:
+    """The simulator's name of the normal force in joint B or C."""
+    return f"force_{joint.lower()}"
+
+
+def curves(seen: Seen, pattern: np.ndarray, joint: str, sizes: np.ndarray) -> list[Curve]:
+    """Fit curves of every argument in every direction, best first.
+
+    Over the contact's force they are straight lines here: it changes too fast within a segment for more.
+
+    Args:
+        seen: unknown forces.
+        pattern: (segments, inputs, 2 directions) of a constant force in each direction, then of one in each
+            that is proportional to the contact's force.
+        joint: B or C.
+        sizes: (2 directions,) of those forces [N or N m, then the same for a newton of contact].
+    """
+    found = []
+    count, places = len(seen.forces), directions(joint)
+    for d, (body, direction) in enumerate(places):
+        for argument in ARGUMENTS:
+            values = seen.arguments[argument]
+            curve = curve_over(values, body, direction, argument)
+            line = argument == "contact_force"
+            each = np.ones((len(values), 1)) if line else curve.shares(values)
+            column = d + line * len(places)
+            fitted = regress(seen, pattern[:, :, column, None] * each[:, None, :])
+            unit = sizes[column] * (curve.knots if line else 1.0)
+            found.append(
+                replace(
+                    curve, forces=fitted.coefficients * unit, deviations=fitted.deviations * np.abs(unit),
+                    gain=fitted.gain, price=float(each.shape[1] * np.log(count / _CORRELATED)),
+                )
+            )  # fmt: skip
+    return sorted(found, key=lambda curve: curve.price - curve.gain)
+
+
+def curve_over(values: np.ndarray, body: str, direction: str, argument: str) -> Curve:
+    """A curve of size one, with knots over (segments,) values of its argument, or over a whole turn."""
+    if argument == "crank_angle":
+        knots = 2.0 * np.pi * np.arange(KNOTS) / KNOTS
+    else:
+        low, high = np.quantile(values, [_TAILS, 1.0 - _TAILS])
+        knots = np.linspace(low, max(high, low + 1e-9), _LINE if argument == "contact_force" else KNOTS)
+    return Curve(body, direction, argument, knots, np.ones_like(knots), np.zeros_like(knots), 0.0, 0.0)
+
+
+def as_function_of(force: np.ndarray, values: np.ndarray, curve: Curve) -> tuple[Curve, float]:
+    """A force along a path as a function of an argument, and the share of it left out, both robust.
+
+    What an effect does in a segment with an impact is no force that acts all along it.
+
+    Args:
+        force: (segments,) [N or N m].
+        values: (segments,) of the argument.
+        curve: its knots; where the path does not come it goes on straight.
+    """
+    own = curve.shares(values)
+    straight = _STRAIGHT * np.diff(np.eye(len(curve.knots)), 2, axis=0)
+    rows, right = np.concatenate([own, straight]), np.concatenate([force, np.zeros(len(straight))])
+    level = force - np.median(force)
+    size = float(np.quantile(np.abs(level), _STRONG) or np.abs(level).max())
+    scatter = max(float(np.median(np.abs(np.diff(force)))), _CERTAIN * size, 1e-300)
+    forces = regressed(rows, right, scatter)
+    left = cost_of(force - own @ forces, scatter) / max(cost_of(level, scatter), 1e-300)
+    return replace(curve, forces=forces), left
+
+
+def along(curve: Curve, values: np.ndarray) -> np.ndarray:
+    """(segments,) force of a curve at values of its argument [N or N m]."""
+    return curve.shares(values) @ curve.forces
+
+
+def refined(curve: Curve, interpolation: str) -> Curve:
+    """The same curve with a knot between each two, a line or a spline from one to the next."""
+    count, spacing = len(curve.knots), curve.knots[1] - curve.knots[0]
+    knots = curve.knots[0] + 0.5 * spacing * np.arange(2 * count if curve.repeats else 2 * count - 1)
+    forces = along(curve, knots)
+    return replace(
+        curve, knots=knots, forces=forces, deviations=np.zeros(len(knots)), interpolation=interpolation
+    )
+
+
+def effect_as_curves(
+    passes: Sequence[Pass], followers: Sequence[Follower], place: tuple[str, str], joint: str
+) -> list[Curve]:
+    """What an effect does on one body in one direction, as curves of the arguments that can say it.
+
+    Args:
+        passes: of the machine without the effect, beside paths of the one with it; their only column is the
+            machine with it.
+        followers: of each.
+        place: body and direction, one of ``PLACES``.
+        joint: whose contact force counts.
+
+    Returns:
+        Curves, the one that says it best first; none that leaves more than half out.
+    """
+    sigmas = [follower.input_sigma for follower in followers]
+    force = patterns(passes, sigmas, slice(0, 1), np.ones(len(INPUTS)))[:, PLACES.index(place), 0]
+    each = [
+        arguments_along(one, joint, follower.measured)
+        for one, follower in zip(passes, followers, strict=True)
+    ]
+    found = []
+    for argument in (one for one in ARGUMENTS if one != "time"):  # what a machine does knows no clock
+        values = np.concatenate([one[argument] for one in each])
+        curve, left = as_function_of(force, values, curve_over(values, *place, argument))
+        if left < _HALF:
+            found.append((left, curve))
+    return [curve for _, curve in sorted(found, key=lambda one: one[0])]
+
+
+def unnamed(hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:
+    """The force of free form among hypotheses, if there is one."""
+    return next((h for h in hypotheses if h.name == FREE_FORM), None)
+
+
+def free_form(curve: Curve, joint: str) -> Hypothesis:
+    """A curve as a hypothesis whose parameters are its forces at the knots."""
+    argument = curve.argument if curve.argument != "contact_force" else contact_force_of(joint)
+    spacing = None if curve.repeats else float(curve.knots[1] - curve.knots[0])
+    typical = float(max(np.abs(curve.forces).max(), 1e-3))
+    if curve.argument == "contact_force" and curve.direction not in ("torque", "moment"):
+        typical = max(typical, _FRICTION * float(curve.knots[-1]))  # beside impacts a line begins too flat
+
+    def apply(machine: SliderCrank, values: np.ndarray) -> SliderCrank:
+        law = TabulatedForce(
+            curve.body, curve.direction, argument, float(curve.knots[0]), spacing,
+            tuple(map(float, values)), curve.interpolation, curve.period,
+        )  # fmt: skip
+        return replace(machine, force=law)
+
+    unknowns = tuple(
+        Unknown(f"force_at_{knot:.4g}", 1e-4 * typical, -1e5, 1e5, reach=0.3 * typical)
+        for knot in curve.knots
+    )
+    return Hypothesis(
+        FREE_FORM, "physics", curve.body, curve.direction, unknowns, np.zeros(len(unknowns)),
+        curve.forces.copy(), apply,
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""What may be asserted: intervals, verdict, held-out recordings, and the evidence that is shown."""

@@ -1,0 +1,272 @@
+"""What could be seen: the smallest size of an effect that sensors show, by clearance, speed and sensor set.
+
+Linear theory: beside a path that is known to within the noise, an effect's parameter has a standard error,
+with the path, the clearance and the speed unknown. An effect is seen with power 90 % in a two-sided test at
+5 % where it is z(0.975) + z(0.9) = 3.24 standard errors from "off" (Lachin 1981, Control. Clin. Trials 2).
+Below that it cannot be seen here, which is not the same as absent.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from clearance.diagnosis.hypotheses.effect import Effect
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.sensing.instrument import Instrument
+from clearance.diagnosis.sensing.instrument import sensitivity as derivative
+from clearance.diagnosis.sensing.measured import REACH, SAMPLES, Measured, filter_weights
+from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.model import Model
+from clearance.diagnosis.shooting.stretch import Pass
+from clearance.errors import InputError
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.recording.chain import MeasurementChain
+from clearance.recording.channels import ACCELERATIONS, SensorSet
+from clearance.simulation.integrator import Integrator
+from clearance.simulation.layout import Signal
+from clearance.simulation.shooting import fold
+from clearance.simulation.trajectory import simulate_trajectory
+
+STANDARD_ERRORS = 1.959964 + 1.281552
+NOISE = 0.01  # of a channel's standard deviation
+
+_SETTLED, _DURATION = 0.3, 0.3  # s
+_FORCES = np.array([1e-3, 1e-3, 1e-2])  # N m, N m, N: unknown forces as a finished fit has them
+_MARGIN = 1000  # samples at the base rate for the filter's tails
+
+
+def smallest(deviations: np.ndarray) -> np.ndarray:
+    """Sizes that are seen with power 90 % at 5 %, from standard errors in the same units."""
+    return STANDARD_ERRORS * np.asarray(deviations, dtype=float)
+
+
+def seen(hypotheses: Sequence[Hypothesis], deviations: Sequence[float]) -> list[dict[str, Any]]:
+    """What a finished fit of the nominal machine could have shown, for the report.
+
+    Args:
+        hypotheses: one an effect.
+        deviations: standard error of each one's first parameter, by linear theory at the fitted machine.
+
+    Returns:
+        Name, parameter, unit and smallest size of each; no size where the parameter cannot become so large.
+    """
+    found = []
+    for hypothesis, deviation in zip(hypotheses, deviations, strict=True):
+        unknown = hypothesis.unknowns[0]
+        unit = hypothesis.effect.parameter(unknown.name).unit if hypothesis.effect else ""
+        size = _size(deviation, unknown.high - unknown.low)
+        found.append({"name": hypothesis.name, "parameter": unknown.name, "unit": unit, "size": size})
+    return found
+
+
+def _size(deviation: float, span: float) -> float | None:
+    """The smallest size, to the digits that linear theory is worth; none beyond what a parameter may be."""
+    size = float(smallest(np.array(deviation)))
+    return float(f"{size:.3g}") if np.isfinite(size) and size < span else None
+
+
+def detectability_map(
+    setting: Setting,
+    groups: Mapping[str, Sequence[Hypothesis]],
+    clearances: Sequence[float],
+    speeds: Sequence[float],
+    sensor_sets: Sequence[SensorSet],
+    faults: Sequence[Effect] = (),
+    noise: float = NOISE,
+) -> dict[str, Any]:
+    """The smallest sizes for one second of recording.
+
+    Effects that give the machine new coordinates, and those that are off at infinity, are not on the map:
+    they have no derivative at "off".
+
+    Args:
+        setting: the nominal machine and the joint.
+        groups: hypotheses by label; the first of each effect stands for it.
+        clearances: [m].
+        speeds: [rpm].
+        sensor_sets: of accelerations.
+        faults: of one sensor each, see ``faults_of_sensors``.
+        noise: standard deviation over that of the channel.
+
+    Returns:
+        As the report takes it: ``effects``, each with ``size`` by sensor set, (clearances, speeds).
+    """
+    chosen = differentiable(groups, setting.with_clearance(clearances[0]))
+    entries: list[dict[str, Any]] = seen(chosen, [np.inf] * len(chosen))
+    spans = [h.unknowns[0].high - h.unknowns[0].low for h in chosen]
+    for fault in faults:
+        parameter = fault.free[0]
+        entries.append(
+            {"name": fault.name, "parameter": parameter.name, "unit": parameter.unit, "of": "sensor"}
+        )
+        spans.append(parameter.bounds[1] - parameter.bounds[0])
+    for entry in entries:
+        entry["size"] = {s.name: [[None] * len(speeds) for _ in clearances] for s in sensor_sets}
+    for i, clearance in enumerate(clearances):
+        for j, speed in enumerate(speeds):
+            found = deviations(setting, chosen, clearance, speed, sensor_sets, faults, noise)
+            for name, each in found.items():
+                for entry, deviation, span in zip(entries, each, spans, strict=True):
+                    entry["size"][name][i][j] = _size(deviation, span)
+    return {
+        "joint": setting.joint, "noise": noise, "seconds": 1.0,
+        "clearance_m": list(clearances), "speed_rpm": list(speeds),
+        "sensor_sets": {s.name: list(s.channels) for s in sensor_sets}, "effects": entries,
+    }  # fmt: skip
+
+
+def differentiable(groups: Mapping[str, Sequence[Hypothesis]], machine: SliderCrank) -> list[Hypothesis]:
+    """The first hypothesis of each physical effect that a machine without it has a derivative by."""
+    found: dict[str, Hypothesis] = {}
+    for trials in groups.values():
+        hypothesis = trials[0]
+        if hypothesis.kind != "physics" or hypothesis.name in found or hypothesis.structural(machine):
+            continue
+        try:
+            _varied(hypothesis, machine)
+        except InputError:
+            continue
+        found[hypothesis.name] = hypothesis
+    return list(found.values())
+
+
+def faults_of_sensors(effects: Sequence[Effect]) -> list[Effect]:
+    """Faults of one sensor that are off at a finite value."""
+    return [e for e in effects if e.each_channel and e.free[0].off is not None and np.isfinite(e.free[0].off)]
+
+
+def deviations(
+    setting: Setting,
+    hypotheses: Sequence[Hypothesis],
+    clearance: float,
+    speed: float,
+    sensor_sets: Sequence[SensorSet],
+    faults: Sequence[Effect] = (),
+    noise: float = NOISE,
+) -> dict[str, np.ndarray]:
+    """(hypotheses + faults,) standard errors of first parameters in a second of recording, by sensor set.
+
+    A fault's is that of the sensor which shows it least, of those which show it at all.
+
+    Args:
+        setting: the nominal machine and the joint.
+        hypotheses: tried one at a time, see ``differentiable``.
+        clearance: [m].
+        speed: [rpm].
+        sensor_sets: of accelerations.
+        faults: of one sensor each, likewise.
+        noise: standard deviation over that of the channel.
+    """
+    model, values = setting.model(), np.array([clearance, speed])
+    machine = model.machine(values)
+    follower = _on_its_path(machine, noise)
+    columns, _ = model.columns(values)
+    one = follower.look(machine, [*columns, *(_varied(h, machine) for h in hypotheses)])
+    one = _with_faults(one, follower.measured, faults)
+    own = [*(model.step(values, i) for i in range(len(values))), *(h.unknowns[0].step for h in hypotheses)]
+    steps = np.array([*own, *[1.0] * (len(faults) * len(ACCELERATIONS))])
+    longer = np.sqrt(follower.measured.seconds)
+    found = {}
+    for sensors in sensor_sets:
+        errors = longer * _standard_errors(_with_sensors(one, sensors.channels).gram, steps, model)
+        each = errors[len(hypotheses) :].reshape(len(faults), len(ACCELERATIONS))
+        worst = np.where(np.isfinite(each), each, -1.0).max(axis=1, initial=-1.0)
+        found[sensors.name] = np.append(errors[: len(hypotheses)], np.where(worst > 0.0, worst, np.inf))
+    return found
+
+
+def _varied(hypothesis: Hypothesis, machine: SliderCrank) -> SliderCrank:
+    """The machine with a first trace of an effect, its shapes as in the trial.
+
+    Raises:
+        InputError: the effect is off at infinity.
+    """
+    shapes = [p.shape for p in hypothesis.effect.free] if hypothesis.effect else [False]
+    values = np.where(shapes, hypothesis.start, hypothesis.off)
+    if not np.isfinite(values).all():
+        raise InputError(f"{hypothesis.name}: is off at infinity and has no derivative there")
+    values[0] += hypothesis.unknowns[0].step
+    return hypothesis.apply(machine, values)
+
+
+def _on_its_path(machine: SliderCrank, noise: float) -> Follower:
+    """A follower on a noiseless recording of the machine by all accelerometers, at the true nodes."""
+    chain = MeasurementChain()
+    integrator = Integrator("runge_kutta_4", 1.0 / chain.base_rate, 2)
+    first, periods = round(_SETTLED * chain.base_rate), SAMPLES * chain.decimation
+    segments = round(_DURATION * chain.base_rate / periods)
+    run = simulate_trajectory(machine, integrator, _SETTLED + _DURATION + _MARGIN / chain.base_rate)
+    if not run.finite:
+        raise InputError("detectability: the nominal machine does not run at this clearance and speed")
+    filtered = chain.smooth(run.signals[first - _MARGIN :, : Signal.CRANK_ANGLE])[_MARGIN :: chain.decimation]
+    values = filtered[: segments * SAMPLES].reshape(segments, SAMPLES, -1)
+    size = values.std(axis=(0, 1))
+    # a sensor that shows nothing yet has the noise of the others
+    sigma = noise * np.where(size > 1e-6 * size.max(), size, np.median(size[size > 1e-6 * size.max()]))
+    weights = filter_weights(chain, SAMPLES, REACH)
+    signals = tuple(range(Signal.CRANK_ANGLE))
+    measured = Measured(
+        "nominal", values, values.reshape(-1, len(signals)), 0, ACCELERATIONS, signals, sigma, chain, weights,
+        np.full(len(signals), np.inf),
+    )  # fmt: skip
+    follower = Follower(measured, integrator, _FORCES.copy())
+    codes, p = machine.codes(), machine.parameters()[:, None].copy()
+    for k in range(segments):
+        state = np.ascontiguousarray(run.states[first + k * periods, :, None])
+        _fold(codes, p, state, follower.path.nodes[k])
+    return follower
+
+
+@njit(cache=True)
+def _fold(codes: np.ndarray, p: np.ndarray, s: np.ndarray, node: np.ndarray) -> None:
+    fold(codes, p, s, 0, node)
+
+
+def _with_faults(one: Pass, measured: Measured, faults: Sequence[Effect]) -> Pass:
+    """The same linearisation with a column for each fault of each sensor, in the fault's unit."""
+    flow, *rest, sensitivity, residual = one.system
+    signals = measured.values.reshape(-1, len(ACCELERATIONS))
+    weight = one.used / measured.sigma
+    columns = [sensitivity]
+    for fault in faults:
+        parameter = fault.free[0]
+        assert parameter.off is not None
+        for channel in ACCELERATIONS:
+            change = derivative(
+                Instrument(), parameter.path, parameter.off, 1e-3 * abs(parameter.start), signals,
+                ACCELERATIONS, measured.chain.rate, channel,
+            )  # fmt: skip
+            columns.append((change.reshape(weight.shape) * weight).reshape(*residual.shape, 1))
+    moved = np.zeros((*flow.shape[:2], len(columns) - 1))  # no sensor changes how the machine moves
+    flow, shown = np.concatenate([flow, moved], axis=2), np.concatenate(columns, axis=2)
+    return replace(one, system=(flow, *rest, shown, residual))
+
+
+def _with_sensors(one: Pass, channels: Sequence[str]) -> Pass:
+    """The same linearisation as if only some channels had been recorded."""
+    flow, defect, inputs, own, doubt, held, jacobian, sensitivity, residual = one.system
+    hidden = np.tile([name not in channels for name in ACCELERATIONS], SAMPLES)
+    jacobian, sensitivity, residual = jacobian.copy(), sensitivity.copy(), residual.copy()
+    jacobian[:, :, hidden] = 0.0
+    sensitivity[:, hidden] = 0.0
+    residual[:, hidden] = 0.0
+    return replace(
+        one, system=(flow, defect, inputs, own, doubt, held, jacobian, sensitivity, residual)
+    ).solve()
+
+
+def _standard_errors(gram: np.ndarray, steps: np.ndarray, model: Model) -> np.ndarray:
+    """Of each parameter beside the model's own, one at a time; infinite where nothing tells it apart."""
+    information = gram[:-1, :-1] / np.outer(steps, steps)
+    nuisance = list(range(len(model.unknowns)))
+    found = []
+    for k in range(len(nuisance), len(steps)):
+        own = [*nuisance, k]
+        part = information[np.ix_(own, own)]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(part), 1e-300))
+        inverse = np.linalg.pinv(part * np.outer(scale, scale), rcond=1e-10, hermitian=True)[-1, -1]
+        found.append(scale[-1] * np.sqrt(inverse) if part[-1, -1] > 0.0 and inverse >= 1.0 - 1e-6 else np.inf)
+    return np.array(found)

@@ -1,0 +1,90 @@
+"""How far the likelihood lets each parameter go: a curvature at its top may be that of a ripple.
+
+An impact that an edge of a force, or a clearance, moves a little past a sample makes the cost of a fit steep
+there and nowhere else. So every parameter is moved by what its curvature allows, everything else is fitted
+again, and where that costs less than it should the parameter is moved further. What costs less than the fit
+itself is a better fit.
+
+Reference: profile likelihood, Venzon & Moolgavkar 1988, Applied Statistics 37(1), 87-94.
+"""
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import Attempt, tightened
+from clearance.diagnosis.judging.verdict import covariance, deviations
+from clearance.diagnosis.shooting.fit import fit, settle
+from clearance.errors import InputError
+
+_QUANTILE = 1.96  # standard deviations of a 95 % interval
+_RISE = _QUANTILE**2  # of the sum of squares at its ends
+_BETTER = 1.0  # fall of the sum of squares that is a better fit
+_MOVES = 3  # to a better fit, at most
+_FURTHER = 3  # times that a parameter is moved twice as far, at most
+_LEAP = 4.0  # times as far, over a ripple
+_LARGE = 8  # parameters from which on the clearance alone is asked for: a table's knots are many
+_ITERATIONS, _TOLERANCE = 4, 1e-7
+
+
+def ask_likelihood(attempt: Attempt, workers: int) -> None:
+    """Set the ``reach`` of an attempt that explains; move it where a better fit shows.
+
+    Args:
+        attempt: changed.
+        workers: threads.
+    """
+    found = fit(attempt.followers, attempt.model, attempt.fit.values, 3 * _ITERATIONS, _TOLERANCE, workers)
+    attempt.fit, attempt.level = found, found.level
+    for _ in range(_MOVES):
+        attempt.reach = np.zeros((attempt.model.shared, 2))
+        if not _moved(attempt, workers):
+            return
+
+
+def _moved(attempt: Attempt, workers: int) -> bool:
+    """Whether a better fit was found, which the attempt then has; if not its reach is set."""
+    assert attempt.reach is not None
+    model, base = attempt.model, attempt.fit
+    sizes, spread, shared = deviations(base), covariance(base), model.shared
+    low, high = np.array([[u.low, u.high] for u in model.unknowns]).T
+    # where an effect sets in is a place in the motion: beyond a ripple may lie a deeper valley
+    rough = [False, *(shape for h in attempt.hypotheses for shape in h.shapes)]
+    for i, unknown in enumerate(model.unknowns[:shared]):
+        if unknown.low == unknown.high or (i > 0 and shared > _LARGE):
+            continue
+        along = _rows(spread[i] / spread[i, i], attempt)
+        kept = [j for j in range(len(model.unknowns)) if j != i]
+        for side, sign in enumerate((-1.0, 1.0)):
+            before, step = 0.0, _QUANTILE * float(sizes[i])
+            for _ in range(2 if rough[i] else _FURTHER + 1):
+                target = base.values[0, i] + sign * step
+                if not unknown.low < target < unknown.high:
+                    break
+                followers = tightened(attempt.followers)
+                values = np.clip(base.values + along * sign * step, low, high)
+                values[:, i] = target
+                part = model.only(kept, values[0])
+                try:
+                    other = settle(followers, part, values[:, kept], _ITERATIONS, _TOLERANCE, workers)
+                except InputError:  # no law takes these values together
+                    break
+                values[:, kept] = other.values
+                rise = other.cost - base.cost
+                if rise < -_BETTER:
+                    found = fit(followers, model, values, 3 * _ITERATIONS, _TOLERANCE, workers)
+                    if found.cost < base.cost - _BETTER:
+                        attempt.fit, attempt.level, attempt.followers = found, found.level, followers
+                        return True
+                if rise < _RISE:
+                    attempt.reach[i, side] = step
+                elif not rough[i]:
+                    attempt.reach[i, side] = max(before, step * np.sqrt(_RISE / rise))
+                    break
+                before, step = step, (_LEAP if rough[i] else 2.0) * step
+    return False
+
+
+def _rows(change: np.ndarray, attempt: Attempt) -> np.ndarray:
+    """(recordings, unknowns) of a change of all parameters."""
+    shared, count = attempt.model.shared, len(attempt.model.unknowns)
+    own = change[shared:].reshape(-1, count - shared)
+    return np.column_stack([np.repeat(change[None, :shared], len(own), axis=0), own])

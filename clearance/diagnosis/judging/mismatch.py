@@ -1,0 +1,222 @@
+"""Where a model and the recordings differ: by channel, crank angle, contact and frequency."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import Attempt
+from clearance.diagnosis.shooting.follow import EDGE
+from clearance.simulation.layout import State
+
+ANGLE_BINS = 36
+_BLOCK = 128  # samples of a spectrum
+_FALSE_DISCOVERIES = 0.05
+_LOST = 1e6  # standard deviations: how far off a run counts that ends in no number
+_SLIDING = 0.02  # m/s of the journal along the bearing's surface
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """One-step prediction errors of a model, with where the machine was.
+
+    Attributes:
+        values: (samples, channels) in standard deviations of a perfect model's innovations.
+        angle: (samples,) crank angle [rad, 0 to 2 pi).
+        contact: (samples,) whether the journal touches.
+        sliding: (samples,) whether it touches and moves along the surface.
+        channels: names.
+        rate: [Hz].
+    """
+
+    values: np.ndarray
+    angle: np.ndarray
+    contact: np.ndarray
+    sliding: np.ndarray
+    channels: tuple[str, ...]
+    rate: float
+
+
+def whiteness(channels: Sequence[str], scaled: Sequence[np.ndarray]) -> dict[str, Any]:
+    """Autocorrelation at ten lags and normalised innovation squared (Bar-Shalom et al. 2001, ch. 5).
+
+    Args:
+        channels: names.
+        scaled: (samples, channels) of each recording, what a model leaves in units of its noise.
+    """
+    correlation: dict[str, list[float]] = {}
+    for i, channel in enumerate(channels):
+        total = max(sum(float((v[:, i] ** 2).sum()) for v in scaled), 1e-12)
+        correlation[channel] = [
+            sum(float((v[:-lag, i] * v[lag:, i]).sum()) for v in scaled) / total for lag in range(1, 11)
+        ]
+    squares = np.concatenate([v.ravel() ** 2 for v in scaled])
+    half = 1.96 * np.sqrt(2.0 / len(squares))
+    return {
+        "channels": list(channels),
+        "whiteness": [correlation[c][0] for c in channels],
+        "autocorrelation": correlation,
+        "normalised_innovation_squared": {
+            "value": float(squares.mean()), "low": 1.0 - half, "high": 1.0 + half,
+        },
+    }  # fmt: skip
+
+
+def innovations(attempt: Attempt, joint: str, floor: Attempt | None = None) -> list[Innovations]:
+    """Innovations of each recording, over what a perfect model's would be: that of ``floor``, or its own."""
+    found = []
+    for r, (follower, one) in enumerate(zip(attempt.followers, attempt.fit.passes, strict=True)):
+        inner = slice(EDGE + 1, -EDGE - 1)
+        scale = attempt.scale if attempt.scale > 1.0 else 1.0
+        spread = (floor.fit.passes[r] if floor is not None else one).spread
+        typical = np.median(spread[inner], axis=(0, 1))
+        values = one.innovation[inner] * scale / typical
+        values = np.clip(np.nan_to_num(values, nan=_LOST, posinf=_LOST, neginf=-_LOST), -_LOST, _LOST)
+        n, m, channels = values.shape
+        nodes = follower.path.nodes[inner]
+        steps = np.arange(m) / m * follower.measured.segment
+        angle = nodes[:, State.CRANK_ANGLE, None] + nodes[:, State.CRANK_SPEED, None] * steps
+        touching = one.contacts[inner][..., 0 if joint == "B" else 2] > 0.0
+        first, second = one.chart.rows[[one.chart.journals[0][0], one.chart.journals[0][1]]]
+        ex, ey = nodes[:, first], nodes[:, second]
+        vx, vy = nodes[:, first + 10], nodes[:, second + 10]
+        gap = attempt.fit.values[r, 0]
+        along = np.abs(ex * vy - ey * vx) / np.maximum(np.hypot(ex, ey), 1e-9) * gap
+        sliding = touching & (along[:, None] > _SLIDING)
+        found.append(
+            Innovations(
+                values.reshape(n * m, channels), np.mod(angle.ravel(), 2.0 * np.pi), touching.ravel(),
+                sliding.ravel(), follower.measured.channels, follower.measured.chain.rate,
+            )
+        )  # fmt: skip
+    return found
+
+
+def root_mean_square(errors: Sequence[Innovations]) -> float:
+    """Of all innovations but the tenth of the blocks that are worst in it: 1 for a perfect model."""
+    blocks = [
+        (one.values[: len(one.values) // 10 * 10].reshape(-1, 10 * one.values.shape[1]) ** 2).mean(axis=1)
+        for one in errors
+    ]
+    each = np.sort(np.concatenate(blocks))
+    return float(np.sqrt(each[: max(1, round(0.9 * len(each)))].mean() / 0.975))
+
+
+def interval(errors: Sequence[Innovations], draws: int = 400) -> tuple[float, float]:
+    """95 % interval of ``root_mean_square`` by resampling blocks of ten segments (Kuensch 1989)."""
+    generator = np.random.default_rng(0)
+    blocks = [
+        (one.values[: len(one.values) // 100 * 100].reshape(-1, 10, 10 * one.values.shape[1]) ** 2).mean(
+            axis=2
+        )
+        for one in errors
+    ]
+    rows = np.concatenate(blocks)
+    found = []
+    for _ in range(draws):
+        each = np.sort(rows[generator.integers(0, len(rows), len(rows))].ravel())
+        found.append(np.sqrt(each[: max(1, round(0.9 * len(each)))].mean() / 0.975))
+    low, high = np.quantile(found, [0.025, 0.975])
+    return float(low), float(high)
+
+
+def locate(before: Sequence[Innovations], after: Sequence[Innovations]) -> dict[str, Any]:
+    """Maps of the mismatch for the report; a ratio of 1 is what a perfect model shows."""
+    channels = before[0].channels
+    heat, significant = _heat(before, channels)
+    heat_after, _ = _heat(after, channels)
+    frequency, spectrum = _spectrum(before, channels)
+    _, spectrum_after = _spectrum(after, channels)
+    return {
+        "channels": list(channels),
+        "crank_angle_deg": [(k + 0.5) * 360.0 / ANGLE_BINS for k in range(ANGLE_BINS)],
+        "heat": heat.tolist(),
+        "heat_after": heat_after.tolist(),
+        "significant": significant.tolist(),
+        "regimes": _regimes(before, channels),
+        "regimes_after": _regimes(after, channels),
+        "frequency_hz": frequency.tolist(),
+        "spectrum": {c: spectrum[i].tolist() for i, c in enumerate(channels)},
+        "spectrum_after": {c: spectrum_after[i].tolist() for i, c in enumerate(channels)},
+    }
+
+
+def _heat(errors: Sequence[Innovations], channels: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Root mean squares by channel and angle, and which differ from 1 (Benjamini-Hochberg 1995)."""
+    from scipy.stats import chi2
+
+    square = np.zeros((len(channels), ANGLE_BINS))
+    count = np.zeros(ANGLE_BINS)
+    for one in errors:
+        bins = (one.angle / (2.0 * np.pi) * ANGLE_BINS).astype(int) % ANGLE_BINS
+        count += np.bincount(bins, minlength=ANGLE_BINS)
+        for i in range(len(channels)):
+            square[i] += np.bincount(bins, one.values[:, i] ** 2, minlength=ANGLE_BINS)
+    # neighbouring samples share what the state did not foresee: three count as one
+    tail = chi2.sf(square / 3.0, np.maximum(count / 3.0, 1e-9))
+    order = np.sort(tail.ravel())
+    passing = order <= _FALSE_DISCOVERIES * np.arange(1, order.size + 1) / order.size
+    limit = order[passing].max() if passing.any() else -1.0
+    return np.sqrt(square / np.maximum(count, 1.0)), tail <= limit
+
+
+def _regimes(errors: Sequence[Innovations], channels: Sequence[str]) -> dict[str, dict[str, float]]:
+    found: dict[str, dict[str, float]] = {}
+    for i, channel in enumerate(channels):
+        found[channel] = {}
+        for name in ("contact", "flight", "sliding"):
+            parts = []
+            for one in errors:
+                mask = {"contact": one.contact, "flight": ~one.contact, "sliding": one.sliding}[name]
+                parts.append(one.values[mask, i] ** 2)
+            joined = np.concatenate(parts)
+            if len(joined) > 20:
+                found[channel][name] = float(np.sqrt(joined.mean()))
+    return found
+
+
+def _spectrum(errors: Sequence[Innovations], channels: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    window = np.hanning(_BLOCK)
+    power = []
+    for one in errors:
+        blocks = len(one.values) // _BLOCK
+        frames = one.values[: blocks * _BLOCK].reshape(blocks, _BLOCK, len(channels)) * window[:, None]
+        power.append(np.abs(np.fft.rfft(frames, axis=1)) ** 2 / (window**2).sum())
+    mean = np.concatenate(power).mean(axis=0)
+    return np.fft.rfftfreq(_BLOCK, 1.0 / errors[0].rate), np.sqrt(mean.T)
+
+
+def summary(errors: Sequence[Innovations]) -> dict[str, Any]:
+    """Channels' shares, the regime, and the ranges of angle and frequency that stand out."""
+    channels = errors[0].channels
+    stacked = np.concatenate([one.values for one in errors])
+    excess = np.maximum((stacked**2).mean(axis=0) - 1.0, 0.0)
+    share = excess / max(excess.sum(), 1e-12)
+    heat, _ = _heat(errors, channels)
+    total = np.sqrt((heat**2).mean(axis=0))
+    loud = total > max(1.3, 0.5 * total.max())
+    width = 360.0 / ANGLE_BINS
+    frequency, spectrum = _spectrum(errors, channels)
+    level = np.sqrt((spectrum**2).mean(axis=0))
+    high = level > max(1.3, 0.3 * level.max())
+    states = {}
+    for name in ("contact", "flight", "sliding"):
+        values = [v[name] for v in _regimes(errors, channels).values() if name in v]
+        if values:
+            states[name] = float(np.sqrt(np.mean(np.square(values))))
+    loudest = max(states, key=lambda s: states[s]) if states else "all"
+    spread = max(states.values()) / max(min(states.values()), 1e-9) if states else 1.0
+    return {
+        "channels": {c: round(float(s), 4) for c, s in zip(channels, share, strict=True) if s > 0.005},
+        "regime": loudest if spread > 2.0 else "all",
+        "crank_angle_deg": [[a * width, b * width] for a, b in _ranges(loud)],
+        "frequency_hz": [
+            [float(frequency[a]), float(frequency[min(b, len(frequency) - 1)])] for a, b in _ranges(high)
+        ],
+    }
+
+
+def _ranges(mask: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

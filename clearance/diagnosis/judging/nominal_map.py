@@ -1,0 +1,74 @@
+"""The detectability map of the nominal machine: computed by ``make detectability``, kept beside this file."""
+
+import json
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from hydra.utils import instantiate
+from omegaconf import OmegaConf
+
+from clearance.configuration import CONFIGURATION
+from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
+from clearance.diagnosis.judging.detectability import detectability_map, faults_of_sensors
+from clearance.mechanism.joint import Joint
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.recording.channels import SensorSet
+from clearance.whole_files import write_json
+
+CLEARANCES = (5e-5, 1e-4, 2e-4, 3e-4, 5e-4, 8e-4)  # m
+SPEEDS = (500.0, 600.0, 700.0, 800.0, 900.0, 1000.0)  # rpm
+_STORED = "nominal_map.json"
+_MACHINES = {"B": SliderCrank(joint_b=Joint(3e-4)), "C": SliderCrank(joint_c=Joint(3e-4))}
+
+
+def write_nominal_map(path: Path | None = None) -> None:
+    """Compute the maps of both joints, with every sensor set of ``conf/sensors``, in a few minutes.
+
+    Args:
+        path: of the file; ``None``: where ``nominal_map`` looks for it.
+    """
+    effects, sensor_sets = load_effects("all", []), _sensor_sets()
+    faults = faults_of_sensors(effects)
+    maps = {}
+    for joint, machine in _MACHINES.items():
+        groups = gather([e for e in effects if e.kind == "physics"], machine, joint, ())
+        setting = Setting(machine, joint)
+        maps[joint] = detectability_map(setting, groups, CLEARANCES, SPEEDS, sensor_sets, faults)
+    write_json(path or Path(str(resources.files(__package__).joinpath(_STORED))), maps)
+
+
+def nominal_map(
+    joint: str, clearance: float, speed: float, channels: Sequence[str], here: Sequence[dict[str, Any]] = ()
+) -> dict[str, Any]:
+    """The stored map with the place of a recording on it, for the report.
+
+    Args:
+        joint: B or C.
+        clearance: of the recording [m].
+        speed: of the recording, either sense [rpm].
+        channels: of the recording.
+        here: what the fit of the recording itself could have shown, see ``detectability.seen``.
+    """
+    stored = json.loads(resources.files(__package__).joinpath(_STORED).read_text(encoding="utf-8"))[joint]
+    known = {name: len(own) for name, own in stored["sensor_sets"].items() if _has(channels, own)}
+    return {
+        **stored,
+        "here": {
+            "clearance_m": clearance, "speed_rpm": abs(speed), "effects": list(here),
+            "sensors": max(known, key=lambda name: known[name]) if known else None,
+        },
+    }  # fmt: skip
+
+
+def _has(channels: Sequence[str], needed: Sequence[str]) -> bool:
+    """Whether a recording is of a sensor set; what shows nothing in the nominal machine may be left out."""
+    quiet = {"crank_a_transverse", "crank_a_axial", "slider_vertical"}
+    return set(needed) - quiet <= set(channels)
+
+
+def _sensor_sets() -> list[SensorSet]:
+    files = sorted((CONFIGURATION / "sensors").glob("*.yaml"))
+    return [instantiate(OmegaConf.load(file), _convert_="all") for file in files]

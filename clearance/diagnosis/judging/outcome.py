@@ -1,0 +1,297 @@
+"""Carry out a diagnosis and gather what it says: the contract's JSON and the report's evidence."""
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained, refine
+from clearance.diagnosis.following.onward import go_on
+from clearance.diagnosis.following.trace import Trace, aligned, check_length
+from clearance.diagnosis.hypotheses.effect import Effect
+from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.judging.evidence import gather_evidence
+from clearance.diagnosis.judging.likelihood import ask_likelihood
+from clearance.diagnosis.judging.mismatch import Innovations, innovations, interval, root_mean_square, summary
+from clearance.diagnosis.judging.verdict import (
+    clearance_of,
+    effects_of,
+    equivalents,
+    free_form_of,
+    located,
+    place_of,
+    probabilities,
+    sentences,
+    verdict_of,
+    withdraw,
+)
+from clearance.diagnosis.searching.balance import find_clock
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
+from clearance.diagnosis.searching.location import locate_joint
+from clearance.diagnosis.searching.rattling import fit_rattling
+from clearance.diagnosis.searching.search import PATIENCE, Search
+from clearance.diagnosis.searching.significance import p_value
+from clearance.diagnosis.searching.strategy import find_explanation
+from clearance.diagnosis.sensing.measured import Measured
+from clearance.diagnosis.shooting.follow import alike
+from clearance.diagnosis.shooting.model import Model, Unknown
+from clearance.mechanism.applied_force import TabulatedForce
+from clearance.mechanism.slider_crank import SliderCrank
+
+METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
+Found = TypeVar("Found")
+
+
+@dataclass
+class Outcome(Generic[Found]):
+    """Everything that a diagnosis found.
+
+    Attributes:
+        diagnosis: the contract's JSON.
+        evidence: what the report draws.
+        machine: corrected.
+        explanation: all attempts.
+    """
+
+    diagnosis: dict[str, Any]
+    evidence: dict[str, Any]
+    machine: SliderCrank
+    explanation: Found
+
+
+def diagnose(
+    recordings: Sequence[Measured],
+    held_out: Sequence[Measured],
+    settings: Sequence[Setting],
+    effects: Sequence[Effect],
+    speed_range: tuple[float, float],
+    workers: int,
+    most: int,
+    report: Callable[[str], None],
+    keep: Callable[[Explanation], None] = lambda _: None,
+    time_limit: float = np.inf,
+    finished: Path | None = None,
+) -> Outcome[Explanation]:
+    """Find what the nominal machine lacks.
+
+    Args:
+        recordings: to fit; selection sees only these.
+        held_out: to judge by.
+        settings: the nominal machine, with each joint that may have the clearance.
+        effects: to make hypotheses of.
+        speed_range: [rad/s].
+        workers: threads.
+        most: effects at once.
+        report: called with progress.
+        keep: called after each stage with what was found so far.
+        time_limit: after which nothing new is tried [s].
+        finished: folder in which fits are kept for another run on the same recordings.
+
+    Raises:
+        InputError: a recording that no machine of this kind could have made.
+    """
+    for one in (*recordings, *held_out):
+        check_length(one)
+    started = time.monotonic()
+
+    def say(message: str) -> None:
+        report(f"[{time.monotonic() - started:.0f} s] {message}")
+
+    search, explanation, joints = locate_joint(
+        recordings, settings, effects, speed_range, workers, say, started + time_limit, finished
+    )
+    setting, joint = search.setting, search.setting.joint
+    keep(explanation)
+    try:
+        find_explanation(search, explanation, most, keep)
+    except KeyboardInterrupt:
+        search.stopped = "it was interrupted"
+        say("interrupted: what was found so far is judged and written; once more ends it at once")
+    _ask(search, explanation)
+    search.report("judging on held-out recordings")
+    held_out = [_clocked(one, search, explanation.best) for one in held_out]
+    best, nominal = explanation.best, explanation.nominal
+    after = _held_out(held_out, search, best)
+    before_attempt = _held_out(held_out, search, nominal, after) if best is not nominal else after
+    errors_after = innovations(after, joint)
+    errors_before = innovations(before_attempt, joint, after) if best is not nominal else errors_after
+    fit = _fit_numbers(errors_before, errors_after)
+    errors_fit = innovations(nominal, joint, best if explained(best) else None)
+    where = summary(errors_fit)
+    channels = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > 0.1][:3]
+    verdict = verdict_of(explanation, after)
+    body, direction = place_of(explanation)
+    clearance, others = clearance_of(explanation), equivalents(explanation)
+    named = effects_of(best, probabilities(explanation)) if verdict not in ("none", "unknown") else []
+    score = explanation.hints[0].gain if explanation.hints else None
+    diagnosis: dict[str, Any] = {
+        "verdict": verdict,
+        "summary": [
+            *sentences(verdict, explanation, joint, fit, channels or list(where["channels"])[:1]),
+            *located(joints),
+        ],
+        "mismatch": {
+            "detected": verdict != "none", "score": score,
+            "p_value": None if score is None else p_value(score), "body": body, "direction": direction,
+            **where,
+        },
+        "effects": named,
+        "equivalent": [[h.name for h in a.hypotheses] for a in others] if len(others) > 1 else [],
+        "next_experiment": _next_experiment(others, recordings),
+        "free_form": free_form_of(best, setting),
+        "fit": fit,
+        "clearance": {
+            "joint": joint, "misfit_by_joint": joints, "before_m": float(nominal.fit.values[0, 0]),
+            "after_m": clearance.value, "low_m": clearance.low, "high_m": clearance.high,
+        },
+        "recordings": [
+            {
+                "name": one.name, "seconds": one.seconds, "rate_hz": one.chain.rate,
+                "channels": list(one.channels), "speed_rpm": float(best.fit.values[r, -1]),
+                "held_out_seconds": sum(o.seconds for o in held_out if o.name == one.name),
+            }
+            for r, one in enumerate(recordings)
+        ],
+        "warnings": [
+            *(
+                f"{one.name}: {', '.join(one.silent)} shows nothing but a constant and was left out"
+                for one in recordings if one.silent
+            ),
+            *(
+                ["What explains the fitted recordings does not explain the held-out ones."]
+                if verdict != verdict_of(explanation) else []
+            ),
+            *(
+                [f"Not everything was tried: {search.stopped}."] if search.stopped else []
+            ),
+        ],
+        "seconds": round(time.monotonic() - started, 1),
+    }  # fmt: skip
+    search.report(f"verdict: {verdict}; gathering what the report shows")
+    evidence = gather_evidence(search, explanation, held_out, before_attempt, after, errors_fit)
+    model = setting.model(best.hypotheses)
+    return Outcome(diagnosis, evidence, model.machine(best.fit.values[0]), explanation)
+
+
+def _ask(search: Search, explanation: Explanation) -> None:
+    """Ask the likelihood how sure the numbers of what is asserted are; nothing is that may as well be off."""
+    withdraw(explanation)
+    while explained(explanation.best) and explanation.best.hypotheses:
+        new = [one for one in equivalents(explanation) if one.reach is None]
+        if not new:
+            return
+        for one in new:
+            search.report(f"asking the likelihood how sure the numbers of {one.label} are")
+            ask_likelihood(one, search.workers)
+        withdraw(explanation)
+
+
+def _held_out(
+    held_out: Sequence[Measured], search: Search, attempt: Attempt, beside: Attempt | None = None
+) -> Attempt:
+    """The attempt's machine beside recordings that it was not fitted to: only their speed is free.
+
+    Args:
+        held_out: recordings.
+        search: that made the attempt.
+        attempt: to judge.
+        beside: another machine that was followed on them, from whose path to begin.
+    """
+    model, count = attempt.model, attempt.model.shared
+    shared = attempt.fit.values[0, :count]
+
+    def whole(values: np.ndarray) -> np.ndarray:
+        return np.append(shared, values[-1])
+
+    only_speed = Model(
+        (Unknown("speed", 1e-3, own=True),),
+        lambda v: model.machine(whole(v)),
+        lambda v: model.instrument(whole(v)),
+    )
+    machine, instrument = model.machine(attempt.fit.values[0]), model.instrument(attempt.fit.values[0])
+    found: Attempt | None
+    if beside is not None and alike(machine, beside.model.machine(beside.fit.values[0])):
+        speeds = beside.fit.values[:, -1:]
+        found = refine((), only_speed, beside.followers, speeds, ANNEALING[1], 8, search.workers, False)
+    else:
+
+        def one(measured: Measured) -> Trace:
+            known = aligned(measured, machine, _speeds(search))
+            return Trace.of(measured, known, machine, instrument)
+
+        with ThreadPoolExecutor(search.workers) as pool:
+            traces = list(pool.map(one, held_out))
+        values = np.array([[trace.speed] for trace in traces])
+        # what explains its own recordings is looked for with patience in others, unless it is theirs alone
+        right = explained(attempt) and not _passing(machine)
+        found = None
+        if right and any(h.name == LOOSE_GUIDE for h in attempt.hypotheses):
+            found = go_on(attempt, traces, only_speed, search.workers)
+            found = found or fit_rattling(traces, only_speed, values, search.workers)
+        if found is None:
+            starts = search.begin(traces, only_speed, values, PATIENCE if right else 0)
+            found = search.grown((), values, starts, model=only_speed, patient=right)
+            assert found is not None
+            if right and not explained(found):
+                other = go_on(attempt, traces, only_speed, search.workers)
+                found = other if other is not None and other.misfit < found.misfit else found
+    values = found.fit.values
+    found.fit.values = np.concatenate(
+        [np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1
+    )
+    return found
+
+
+def _passing(machine: SliderCrank) -> bool:
+    """Whether its force is a table over the time of one recording, of which another shows nothing."""
+    force = machine.force
+    return isinstance(force, TabulatedForce) and force.argument == "time" and force.period is None
+
+
+def _clocked(measured: Measured, search: Search, attempt: Attempt) -> Measured:
+    """A recording that was held out, by the clock of an attempt's force over time, if it has one.
+
+    The rest of a fitted recording goes on by its clock; another one's is found by the balance of work.
+    """
+    machine = attempt.model.machine(attempt.fit.values[0])
+    if not isinstance(machine.force, TabulatedForce) or machine.force.period is None:
+        return measured
+    own = [f.measured.clock for f in attempt.followers if f.measured.name == measured.name]
+    if not own:
+        own = [find_clock(measured, aligned(measured, machine, _speeds(search)), machine)]
+    return replace(measured, clock=own[0], period=machine.force.period)
+
+
+def _speeds(search: Search) -> tuple[float, float]:
+    """Among which the speed of another recording is looked for [rad/s]."""
+    near = [abs(known.speed) for known in search.alignments]
+    return 0.5 * min(near), 2.0 * max(near)
+
+
+def _fit_numbers(before: Sequence[Innovations], after: Sequence[Innovations]) -> dict[str, Any]:
+    low, high = interval(after)
+    return {
+        "metric": METRIC,
+        "held_out": {
+            "before": root_mean_square(before), "after": root_mean_square(after), "floor": 1.0, "low": low,
+            "high": high,
+        },
+    }  # fmt: skip
+
+
+def _next_experiment(others: Sequence[Attempt], recordings: Sequence[Measured]) -> str | None:
+    if len(others) < 2:
+        return None
+    lacking = [
+        c
+        for c in ("slider_horizontal", "slider_vertical", "crank_b_transverse")
+        if c not in recordings[0].channels
+    ]
+    if lacking:
+        return f"record {lacking[0]} too: these explanations differ there"
+    return "record at a clearly different speed: contact, friction and gravity scale differently with it"

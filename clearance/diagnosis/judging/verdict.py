@@ -1,0 +1,367 @@
+"""From attempts to what is asserted: a verdict, effects with intervals, and what cannot be told apart."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.hypotheses.missing_force import FREE_FORM, unnamed
+from clearance.diagnosis.searching.explanation import Explanation, penalised
+from clearance.diagnosis.searching.significance import margin, suspicious, unsettled
+from clearance.diagnosis.shooting.fit import Fit
+from clearance.mechanism.applied_force import TabulatedForce, shares
+
+_BLOCK = 5  # segments that count as one in the robust covariance
+_BLIND, _UNSEEN = (
+    1e-8,
+    1e-16,
+)  # share of its information that a direction is seen with; what it counts with if not
+_PUSHES = {"torque": "torque", "moment": "moment"}
+_ALONG = 4  # points from knot to knot at which a spline is given
+_WORSE = 1.02  # and ratio of their levels
+_UNITS = {"crank_angle": "rad", "slider_position": "m", "slider_velocity": "m/s", "time": "s"}
+_SHOWN = 0.15  # of the clearance that the motion shows: by how much it may be wrong
+_NEAR = 2.0  # times the best misfit: models that say as much of the clearance, where none explains
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def deviations(fit: Fit, combined: np.ndarray | None = None) -> np.ndarray:
+    """(P,) or (N,) standard deviations of shared parameters: the larger of own and block-robust ones.
+
+    Args:
+        fit: of a model.
+        combined: (N, P) combinations of the parameters, whose deviations are wanted instead.
+
+    Reference: White 1982, Econometrica 50(1), 1-25 (sandwich); blocks, since neighbouring segments share
+    what the states could not explain.
+    """
+    model = fit.model
+    shared, count = model.shared, len(model.unknowns)
+    own = count - shared
+    root = _root(fit.information)
+    total = len(fit.information)
+    middle = np.zeros((total, total))
+    for r, one in enumerate(fit.passes):
+        places = [*range(shared), *range(shared + r * own, shared + (r + 1) * own)]
+        scale = 1.0 / np.array([model.step(fit.values[r], i) for i in range(count)])
+        scores = one.parts * scale
+        blocks = len(scores) // _BLOCK
+        summed = scores[: blocks * _BLOCK].reshape(blocks, _BLOCK, count).sum(axis=1)
+        middle[np.ix_(places, places)] += summed.T @ summed
+    rows = np.eye(shared, total) if combined is None else np.pad(combined, ((0, 0), (0, total - shared)))
+    seen = rows @ root  # what nobody sees cancels here, before it is squared
+    robust = np.einsum("ij,jk,ik->i", seen, root.T @ middle @ root, seen)
+    return np.sqrt(np.maximum(np.maximum(robust, 0.0), (seen**2).sum(axis=1)))
+
+
+def covariance(fit: Fit) -> np.ndarray:
+    """(P, P) of all parameters, shared ones first; huge along what the recordings say nothing about."""
+    root = _root(fit.information)
+    return root @ root.T
+
+
+def _root(information: np.ndarray) -> np.ndarray:
+    """(P, P) root of the covariance, which is huge along what the recordings say nothing about.
+
+    Its product with its own transpose is the inverse of the information.
+
+    A direction that derivatives by differences leave below ``_BLIND`` of what its parameters would tell alone
+    is no direction that was seen: a motor's no-load speed beside the unknown speed, for example.
+    """
+    clean = np.nan_to_num(information, nan=0.0, posinf=0.0, neginf=0.0)  # a segment that does not run
+    unit = np.sqrt(np.where(np.diag(clean) > 0.0, np.diag(clean), 1.0))
+    values, vectors = np.linalg.eigh(clean / np.outer(unit, unit))
+    seen = np.where(values > _BLIND, values, _UNSEEN)
+    root: np.ndarray = vectors / np.sqrt(seen) / unit[:, None]
+    return root
+
+
+def estimates(attempt: Attempt) -> list[Estimate]:
+    """Shared parameters, the clearance first, with intervals inside the parameters' bounds."""
+    found = []
+    for i, sd in enumerate(deviations(attempt.fit)):
+        unknown, value = attempt.model.unknowns[i], float(attempt.fit.values[0, i])
+        below, above = (0.0, 0.0) if attempt.reach is None else attempt.reach[i]
+        low, high = value - max(1.96 * sd, below), value + max(1.96 * sd, above)
+        found.append(Estimate(value, max(low, unknown.low), min(high, unknown.high)))
+    return found
+
+
+def withdraw(explanation: Explanation) -> None:
+    """Withdraw attempts with an effect whose every size may as well be off, until the best has none.
+
+    Not a force of free form: it is tried where the nominal machine does not explain, and together its knots
+    may be sure though each is not; a constant torque, for example, is the drive's.
+    """
+    while explanation.best.hypotheses:
+        best = explanation.best
+        numbers, place, sure = estimates(best), 1, True
+        for hypothesis in best.hypotheses:
+            sizes = [i for i in range(len(hypothesis.unknowns)) if not _shape(hypothesis, i)]
+            sure &= hypothesis.name == FREE_FORM or any(
+                not numbers[place + i].low <= hypothesis.off[i] <= numbers[place + i].high for i in sizes
+            )
+            place += len(hypothesis.unknowns)
+        if sure:
+            return
+        best.withdrawn = True
+
+
+def _shape(hypothesis: Hypothesis, i: int) -> bool:
+    return hypothesis.effect is not None and hypothesis.effect.free[i].shape
+
+
+def equivalents(explanation: Explanation) -> list[Attempt]:
+    """Attempts that cannot be told from the best one, itself first; not those that only add to it.
+
+    A force of free form can imitate a named one, and is no alternative to it.
+    """
+    best = explanation.best
+    if not explained(best):
+        return [best]
+    limit = penalised(best) + margin(best)
+    alike = [
+        a
+        for a in explanation.attempts
+        if a is not best
+        and not a.withdrawn
+        and unnamed(a.hypotheses) is None
+        and explained(a)
+        and penalised(a) < limit
+        and a.level < _WORSE * best.level
+        and not {h.name for h in best.hypotheses} <= {h.name for h in a.hypotheses}
+    ]
+    return [best, *sorted(alike, key=penalised)]
+
+
+def place_of(explanation: Explanation) -> tuple[str | None, str | None]:
+    """Body and direction of what is missing: of what was found, or else of what comes nearest to it."""
+    best = explanation.best
+    if explanation.rails is not None and not explained(best):
+        return "slider", "y"
+    if best.hypotheses:
+        return best.hypotheses[0].body, best.hypotheses[0].direction
+    if verdict_of(explanation) == "none":
+        return None, None
+    if explanation.suspected:
+        return explanation.suspected
+    if explanation.hints:
+        likeliest = explanation.hints[0].hypotheses[0]
+        return likeliest.body, likeliest.direction
+    return None, None
+
+
+def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str:
+    """None, physics, instrument, mixed, ambiguous or unknown.
+
+    What leaves most of something small is not asserted: any effect takes up a little of another one.
+
+    Args:
+        explanation: of the fitted recordings.
+        held_out: the best attempt beside recordings that it was not fitted to: what does not explain these,
+            too, is not asserted.
+    """
+    best = explanation.best
+    if not best.hypotheses:
+        return "none" if explained(best) and not suspicious(explanation) else "unknown"
+    if not explained(best) or unnamed(best.hypotheses) is not None or unsettled(explanation):
+        return "unknown"
+    if held_out is not None and not explained(held_out):
+        return "unknown"
+    if len(equivalents(explanation)) > 1:
+        return "ambiguous"
+    kinds = {h.kind for h in best.hypotheses}
+    return "mixed" if len(kinds) > 1 else kinds.pop()
+
+
+def clearance_of(explanation: Explanation) -> Estimate:
+    """The clearance [m]: of what explains the recordings, with its interval.
+
+    Where nothing does, the interval spans those of all models that are up to twice as far off as the nearest
+    one: what is missing may have moved each of them. A slider that leaves its line moves them further than
+    that; then it is the clearance at which the motion agrees between the rails, within what it may err by.
+    """
+    best = explanation.best
+    own = estimates(best)[0]
+    if explained(best):
+        return own
+    if explanation.rails is not None:
+        shown = explanation.rails.clearance
+        return Estimate(shown, (1.0 - _SHOWN) * shown, (1.0 + _SHOWN) * shown)
+    near = [explanation.nominal, *explanation.attempts]
+    each = [estimates(a)[0] for a in near if a.misfit <= _NEAR * best.misfit]
+    return Estimate(
+        own.value, min([own.low, *(e.low for e in each)]), max([own.high, *(e.high for e in each)])
+    )
+
+
+def probabilities(explanation: Explanation) -> dict[int, float]:
+    """Of each attempt, by its index, among all: exp(-difference / 2) of penalised sums of squares."""
+    every = [explanation.nominal, *explanation.attempts]
+    prices = np.array([penalised(a) for a in every])
+    weights = np.exp(-0.5 * (prices - prices.min()))
+    weights /= weights.sum()
+    return {id(a): float(w) for a, w in zip(every, weights, strict=True)}
+
+
+def sentences(
+    verdict: str, explanation: Explanation, joint: str, fit: dict[str, Any], channels: Sequence[str]
+) -> list[str]:
+    """The diagnosis in plain words, the headline first."""
+    best, nominal = explanation.best, explanation.nominal
+    before, after = nominal.fit.values[0, 0] * 1e3, best.fit.values[0, 0] * 1e3
+    held = fit["held_out"]
+    if verdict == "none":
+        return [
+            f"Nothing is missing that these recordings could show: the clearance of joint {joint} is "
+            f"{after:.4f} mm, and one-step errors are those of the noise ({held['after']:.2f}, floor 1.00)."
+        ]
+    gain = f"With it, held-out error falls from {held['before']:.3g} to {held['after']:.3g} (floor 1.00)"
+    if verdict == "unknown" and not best.hypotheses:
+        body, direction = place_of(explanation)
+        guess = f" What comes nearest acts on the {body.replace('_', ' ')} ({direction})." if body else ""
+        return [
+            "Something is missing that none of the tried hypotheses explains: the nominal model's errors are "
+            f"{held['before']:.3g} times those of a perfect one.",
+            f"It shows most in {', '.join(channels)}.{guess}",
+            *_rails(explanation),
+        ]
+    lines = []
+    place = 1
+    values = estimates(best)
+    curve = unnamed(best.hypotheses)
+    if curve is not None:
+        law = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force
+        argument = argument_of(law) if isinstance(law, TabulatedForce) else ""
+        share = "" if explained(best) else "most of "
+        lines.append(
+            f"Something is missing that has no name here: a {_PUSHES.get(curve.direction, 'force')} on the "
+            f"{curve.body.replace('_', ' ')} ({curve.direction}) that depends on "
+            f"{argument.replace('_', ' ')}{_rhythm(law)} explains {share}the recordings; its table is in "
+            "corrected.yaml."
+        )
+    for hypothesis in best.hypotheses:
+        count = len(hypothesis.unknowns)
+        shown = {}
+        if hypothesis.effect is not None:
+            for i, unknown in enumerate(hypothesis.unknowns):
+                parameter, e = hypothesis.effect.parameter(unknown.name), values[place + i]
+                shown[unknown.name] = (
+                    f"{parameter.text(e.value)} ({parameter.text(e.low)} to {parameter.text(e.high)})"
+                )
+            lines.append(hypothesis.effect.describe(shown, joint))
+        place += count
+    if verdict == "unknown" and curve is None:
+        lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
+        lines += _rails(explanation)
+    others = equivalents(explanation)[1:] if verdict != "unknown" or curve is not None else []
+    if others:
+        names = " or ".join(" with ".join(h.name for h in a.hypotheses) for a in others)
+        lines.append(f"With these sensors it cannot be told from {names}.")
+    lines.append(
+        f"It shows in {', '.join(channels)}. {gain} and the clearance estimate changes from {before:.4f} to "
+        f"{after:.4f} mm."
+    )
+    return lines
+
+
+def _rhythm(law: object) -> str:
+    """After what a force repeats by a clock of its own, in plain words."""
+    period = getattr(law, "period", None)
+    return f" and repeats every {period * 1e3:.4g} ms" if period is not None else ""
+
+
+def _rails(explanation: Explanation) -> list[str]:
+    """What a slider between rails shows, where no path of such a machine was followed."""
+    rails = explanation.rails
+    if rails is None or explained(explanation.best):
+        return []
+    return [
+        f"The slider itself moves as if between rails, with {rails.gap * 1e6:.3g} µm of free travel on each "
+        f"side and a clearance of {rails.clearance * 1e3:.3f} mm; no such machine could be followed, so it "
+        "is not asserted."
+    ]
+
+
+def located(joints: dict[str, float]) -> list[str]:
+    """In plain words, which of several joints was chosen, from the nominal machine's misfit with each."""
+    (joint, least), *others = sorted(joints.items(), key=lambda one: one[1])
+    return [
+        f"The clearance is taken to be in joint {joint}: with it the nominal machine is {np.sqrt(least):.3g} "
+        f"times as far from the recordings as a perfect one, with joint {other} {np.sqrt(misfit):.3g} times."
+        for other, misfit in others
+    ]
+
+
+def effects_of(attempt: Attempt, chance: dict[int, float]) -> list[dict[str, Any]]:
+    """An attempt's hypotheses as the contract writes them; ``chance``: its probability, among all."""
+    found, place, numbers = [], 1, estimates(attempt)
+    for hypothesis in attempt.hypotheses:
+        parameters = {}
+        for i, unknown in enumerate(hypothesis.unknowns):
+            number = numbers[place + i]
+            unit = hypothesis.effect.parameter(unknown.name).unit if hypothesis.effect else ""
+            off = float(hypothesis.off[i])
+            parameters[unknown.name] = {
+                "value": number.value, "unit": unit, "low": number.low, "high": number.high,
+                "off": off if np.isfinite(off) else None,
+            }  # fmt: skip
+        place += len(hypothesis.unknowns)
+        found.append(
+            {
+                "name": hypothesis.name, "kind": hypothesis.kind, "body": hypothesis.body,
+                **({"channel": hypothesis.channel} if hypothesis.channel else {}),
+                "direction": hypothesis.direction, "probability": round(chance[id(attempt)], 4),
+                "parameters": parameters,
+            }
+        )  # fmt: skip
+    return found
+
+
+def argument_of(law: TabulatedForce) -> str:
+    """What a table is a function of, as the contract has it: whose contact's force, its joint says."""
+    return "contact_force" if law.straight else law.argument
+
+
+def free_form_of(attempt: Attempt, setting: Setting) -> dict[str, Any] | None:
+    """The table of an attempt's force of free form as the contract writes it, with its 95 % band.
+
+    Of a torque only what varies is given: a constant one cannot be told from what the drive is asked for. Of
+    a force over time ``clocks`` says what its clock shows where each recording begins [s].
+    """
+    hypothesis = unnamed(attempt.hypotheses)
+    if hypothesis is None:
+        return None
+    place = 1 + sum(len(h.unknowns) for h in attempt.hypotheses[: attempt.hypotheses.index(hypothesis)])
+    count, shared = len(hypothesis.unknowns), attempt.model.shared
+    values = attempt.fit.values[0, place : place + count]
+    law = hypothesis.apply(setting.machine, values).force
+    assert isinstance(law, TabulatedForce)
+    spacing = law.repeats_after / count if law.repeats else float(law.spacing or 0.0)
+    finer = _ALONG if law.interpolation == "cubic" else 1  # whoever reads the table joins its points by lines
+    steps = np.arange(count * finer if law.repeats else (count - 1) * finer + 1) / finer
+    own = shares(steps, count, law.repeats, law.interpolation)
+    if hypothesis.direction == "torque":
+        own = own - 1.0 / count
+    combined = np.zeros((len(own), shared))
+    combined[:, place : place + count] = own
+    forces, band = own @ values, 1.96 * deviations(attempt.fit, combined)
+    return {
+        "body": law.body, "direction": law.direction, "argument": argument_of(law),
+        "unit": "N m" if law.direction in ("torque", "moment") else "N",
+        "argument_unit": _UNITS.get(argument_of(law), "N"), "period": law.period,
+        "clocks": [f.measured.clock for f in attempt.followers] if law.argument == "time" else None,
+        "table": [[law.start + spacing * k, float(force)] for k, force in zip(steps, forces, strict=True)],
+        "low": (forces - band).tolist(), "high": (forces + band).tolist(),
+    }  # fmt: skip

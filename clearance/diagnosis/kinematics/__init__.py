@@ -1,0 +1,1 @@
+"""Motion without forces: what accelerations show of the path, and what the path needs."""

@@ -1,0 +1,125 @@
+"""The motion as the crank feels it, and what an ideal machine would do there.
+
+The simulator's own equations are asked, with ideal joints, rigid links and a frame at rest.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clearance.compilation import entry
+from clearance.diagnosis.kinematics.reconstruction import Reconstruction
+from clearance.diagnosis.sensing.measured import SAMPLES, Measured
+from clearance.mechanism.applied_force import CONSTANTS
+from clearance.mechanism.parameters import Family, Parameter
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.simulation.batch import aligned
+from clearance.simulation.equations import evaluate
+from clearance.simulation.kinematics import project
+from clearance.simulation.layout import RESULTS, STATES, Result, State
+
+_EDGE = 3  # bins at both ends, which the smoother knows from one side only
+_EVERY = 2  # samples: bins are their means, so that a law may begin or end within one
+_RIGID = [Family.JOINT_B, Family.JOINT_C, Family.GUIDE, Family.LINK, Family.FRAME]
+_TORQUE = 1e-3  # N m, that tells how much turning the crank takes
+
+
+@dataclass(frozen=True)
+class Turning:
+    """A recording's motion as the crank feels it, instant by instant.
+
+    Attributes:
+        time: (instants,) since its beginning [s].
+        angle: (instants,) of the crank [rad].
+        speed: (instants,) [rad/s].
+        acceleration: (instants,) [rad/s^2].
+        torque: (instants,) that the motion needs [N m].
+        place: (instants,) of an ideal machine's slider [m].
+        slide: (instants,) its change by the crank's angle [m/rad].
+        begin: what the recording's clock shows at the first instant [s].
+    """
+
+    time: np.ndarray
+    angle: np.ndarray
+    speed: np.ndarray
+    acceleration: np.ndarray
+    torque: np.ndarray
+    place: np.ndarray
+    slide: np.ndarray
+    begin: float
+
+    @staticmethod
+    def along(path: Reconstruction, machine: SliderCrank, measured: Measured) -> "Turning":
+        """The motion of a path through a recording, at every other sample of whole bins."""
+        rows = path.turning[:, : path.turning.shape[1] // SAMPLES * SAMPLES]
+        angle, speed, acceleration, torque = rows[:, _EDGE * SAMPLES : -_EDGE * SAMPLES : _EVERY]
+        time = _EVERY / measured.chain.rate * np.arange(len(angle))
+        begin = measured.begin + _EDGE * measured.segment
+        return Turning(time, angle, speed, acceleration, torque, *_ideal(machine.parameters(), angle), begin)
+
+
+def binned(values: np.ndarray) -> np.ndarray:
+    """(bins,) means of what was taken along a motion."""
+    mean: np.ndarray = values.reshape(-1, SAMPLES // _EVERY).mean(axis=1)
+    return mean
+
+
+def answer(machine: SliderCrank, turning: Turning) -> tuple[np.ndarray, np.ndarray]:
+    """(instants,) inertia that the crank feels [kg m^2]; (instants,) acceleration of an ideal machine.
+
+    Args:
+        machine: its joints are taken as ideal, its links, guide and frame as rigid.
+        turning: motion; the integral of the drive's speed error begins at zero with it.
+    """
+    codes, p = machine.codes(), aligned(len(machine.parameters()))
+    codes[_RIGID] = 0
+    p[:] = machine.parameters()[:, None]
+    if not codes[Family.FORCE]:
+        codes[Family.FORCE] = CONSTANTS
+    integral = p[Parameter.DRIVE_SPEED, 0] * turning.time - (turning.angle - turning.angle[0])
+    motion = np.stack([turning.angle, turning.speed, integral, turning.begin + turning.time])
+    out = np.zeros((2, motion.shape[1]))
+    work = aligned(RESULTS + STATES)
+    accelerate(codes, p, motion, work, out[0])
+    p[Parameter.FORCE_CRANK_TORQUE] += _TORQUE
+    accelerate(codes, p, motion, work, out[1])
+    return _TORQUE / (out[1] - out[0]), out[0]
+
+
+@entry
+def accelerate(
+    codes: np.ndarray, p: np.ndarray, motion: np.ndarray, work: np.ndarray, out: np.ndarray
+) -> None:
+    """Angular acceleration of an ideal machine's crank at each instant of a motion.
+
+    Args:
+        codes: (families,) chosen laws; joints ideal.
+        p: (PARAMETERS, WIDTH), all lanes alike.
+        motion: (4, instants) crank angle [rad], speed [rad/s], integral of the drive [rad], time [s].
+        work: (RESULTS + STATES, WIDTH) scratch.
+        out: (instants,) written [rad/s^2].
+    """
+    r, s = work[:RESULTS], work[RESULTS:]
+    width, count = p.shape[1], motion.shape[1]
+    for begin in range(0, count, width):
+        for lane in range(width):
+            k = min(begin + lane, count - 1)
+            s[State.CRANK_ANGLE, lane] = motion[0, k]
+            s[State.CRANK_SPEED, lane] = motion[1, k]
+            s[State.DRIVE_INTEGRAL, lane] = motion[2, k]
+            s[State.TIME, lane] = motion[3, k]
+        project(codes, p, s)
+        evaluate(codes, p, s, r)
+        for lane in range(min(width, count - begin)):
+            out[begin + lane] = r[Result.CRANK, lane]
+
+
+def _ideal(p: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Position of an ideal machine's slider [m], and its change by the crank's angle [m/rad]."""
+    length = p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]
+    crank = p[Parameter.CRANK_LENGTH]
+    sine = (p[Parameter.GUIDE_OFFSET] - crank * np.sin(angle)) / length
+    cosine = np.sqrt(1.0 - sine**2)
+    swing = -crank * np.cos(angle) / (length * cosine)
+    place = crank * np.cos(angle) + length * cosine
+    return place, -crank * np.sin(angle) - length * sine * swing

@@ -1,0 +1,1 @@
+"""Which explanations are tried, in which order, and when it is enough."""

@@ -1,0 +1,208 @@
+"""What turning the crank takes, and what would give it: the balance of work, whatever happens in the joints.
+
+Turn the crank a little so that no journal moves against its bearing: the forces inside the joints then do no
+work. The torque that the motion needs (d'Alembert: inertia forces times their way) must come from the drive
+and from what acts on the links from outside. The motion is known from the accelerations alone
+(``reconstruction``); so is what is missing, without a law of contact, without following the machine through
+its impacts, however far it is from the nominal one. An effect's share follows from the simulator's own
+equations with ideal joints, so every law that is written there is known here.
+
+What is inside a joint is not seen here: contact and film do no work, and friction, which does, turns the
+force of the contact by so much that the motion's forces are not known any more.
+
+Reference: Lanczos 1970, The Variational Principles of Mechanics, ch. IV.
+"""
+
+from dataclasses import dataclass, replace
+from math import pi
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from clearance.diagnosis.following.trace import CLEARANCES, COMPARED, Alignment, agreement, loose
+from clearance.diagnosis.hypotheses.hypothesis import SMALLEST_CLEARANCE, Setting
+from clearance.diagnosis.kinematics.reconstruction import reconstruct
+from clearance.diagnosis.kinematics.regression import cost_of, regressed
+from clearance.diagnosis.kinematics.turning import Turning, answer, binned
+from clearance.diagnosis.searching.geometry import GEOMETRIC
+from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.searching.work import EDGED, Balance, Balanced, beyond_ideal, scatter_of
+from clearance.diagnosis.sensing.measured import Measured
+from clearance.mechanism.drive import SpeedControl
+from clearance.mechanism.parameters import Parameter
+from clearance.mechanism.slider_crank import SliderCrank
+
+_BALANCED = 3.0  # mean square in units of the scatter up to which nothing need be missing here
+_QUIET = 1.2  # of it: up to which nothing can be told
+_TAKEN = 0.12  # of it: what an effect takes away at least for each of its sizes (wrong ones 0.06 for one)
+_FREE = 0.65  # likewise of a force of free form
+_CLOCKED = 0.45  # of one over time: in a short recording a turn of the crank is a period, too
+_BOTH = 0.4  # of what the better one of two leaves: they are suggested together
+_PROMISING = 0.9  # of the imbalance: what leaves less may be one of two
+_FIRST = 2  # single effects beside which a second one is looked for
+_SHOWN = 3
+_ALIKE = 0.5  # of a table's torques: an effect that leaves more does something else
+_WITHIN, _CLOSER = 0.7, 10  # of the clearance's logarithm; clearances that are compared there
+_CLOCKS = 120  # places in a period where another recording may begin
+_RHYTHM = 0.3  # of the imbalance: where nothing else leaves less, a rhythm of its own is looked for
+
+
+@dataclass(frozen=True)
+class Suggested:
+    """What the balance of work says of a machine.
+
+    Attributes:
+        forces: effects that leave little of the imbalance, alone or two together, the best first.
+        balanced: whether there is none to speak of.
+    """
+
+    forces: list[Balanced]
+    balanced: bool
+
+
+def suggest_forces(
+    search: Search, setting: Setting, clearance: float, named: bool = False
+) -> Suggested | None:
+    """What would give the torque that the motion needs and a machine lacks.
+
+    Returns:
+        ``None`` where the nominal drive is not a speed control, so that the balance cannot be asked.
+
+    Args:
+        search: with its alignments.
+        setting: the machine.
+        clearance: of its joint [m].
+        named: whether only effects with a name are wanted.
+
+    Raises:
+        LinAlgError: a linkage that does not turn.
+    """
+    if not isinstance(setting.machine.drive, SpeedControl):
+        return None  # a motor's slope goes with its voltage, which nobody knows
+    machine = setting.with_clearance(clearance)
+    balance = Balance(search, setting, machine, clearance)
+    before = balance.fit((), np.zeros(0)).cost
+    if before < _QUIET:
+        return Suggested([], balanced=True)
+    singles = _singles(search, balance, machine)
+    pairs = []
+    for first in [one for one in singles if one.cost < _PROMISING * before][:_FIRST]:
+        for other in singles:
+            if other.hypotheses[0].name == first.hypotheses[0].name:
+                continue
+            pair = balance.tried(first.hypotheses + other.hypotheses, np.append(first.values, other.values))
+            if pair is not None and pair.cost < _BOTH * min(first.cost, other.cost):
+                pairs.append(pair)
+    found = [one for one in [*singles, *pairs] if one.cost < (1.0 - _TAKEN * one.sizes) * before]
+    if not named:
+        found += balance.tables(_FREE * before)
+        if min((one.cost for one in found), default=before) > _RHYTHM * before and not search.late():
+            found += balance.rhythms(_CLOCKED * before)
+    found.sort(key=lambda one: one.price)
+    for one in found[:_SHOWN]:
+        shown = ", ".join(f"{value:.3g}" for value in one.values)
+        search.report(
+            f"  the balance of work agrees with {one.label} = {shown}: {one.cost / before:.1%} are left"
+        )
+    return Suggested(found, balanced=before < _BALANCED and not found)
+
+
+def suggest_names(search: Search, machine: SliderCrank, clearance: float) -> list[Balanced]:
+    """Effects that would turn the crank as a machine's force of free form does, the likeliest first.
+
+    Beside the path of a table a linear look knows no way to where a load begins and ends.
+
+    Args:
+        search: with its alignments.
+        machine: with the table.
+        clearance: of its joint [m].
+
+    Raises:
+        LinAlgError: a linkage that does not turn.
+    """
+    nominal = search.setting.with_clearance(clearance)
+    balance = Balance(search, search.setting, nominal, clearance)
+    balance.imitate(machine)
+    before = balance.fit((), np.zeros(0)).cost
+    alike = [one for one in _singles(search, balance, nominal) if one.cost < _ALIKE * before]
+    return sorted(alike, key=lambda one: one.price)
+
+
+def _singles(search: Search, balance: Balance, machine: SliderCrank) -> list[Balanced]:
+    """Every effect that acts on the links of a machine, as well as it goes alone, the best first."""
+    groups = [
+        group
+        for group in search.groups.values()
+        if group[0].fault is None and group[0].name not in GEOMETRIC and not group[0].structural(machine)
+    ]
+    found = [one for group in groups if (one := balance.best(group)) is not None]
+    return sorted(found, key=lambda one: one.cost)
+
+
+def settle_in(search: Search, setting: Setting, one: Balanced) -> Balanced:
+    """The same, when clearance and path have been sought anew with the loads that it puts on the links.
+
+    Where the slider is pushed, the journal lies elsewhere than the nominal machine's motion would have it.
+    The reconstruction knows no clock: with a force over time it stays as it is.
+
+    Raises:
+        InputError: a law does not take the values.
+        LinAlgError: a linkage that does not turn.
+    """
+    if one.rhythm is not None or all(hypothesis.body == "crank" for hypothesis in one.hypotheses):
+        return one
+
+    model, asked = setting.model(one.hypotheses), search.alignments[0].speed * 30.0 / pi
+
+    def machine(clearance: float) -> SliderCrank:
+        return model.machine(np.concatenate([[clearance], one.values, [asked]]))
+
+    def disagree(size: float) -> float:
+        made = [machine(float(np.exp(size)))]
+        return float(agreement(search.recordings, search.alignments, made, COMPARED, search.workers)[0])
+
+    middle = np.log(one.clearance)
+    low = max(middle - _WITHIN, np.log(SMALLEST_CLEARANCE))
+    found = minimize_scalar(
+        disagree, method="bounded", bounds=(low, min(middle + _WITHIN, np.log(CLEARANCES[-1]))),
+        options={"maxiter": _CLOSER},
+    )  # fmt: skip
+    clearance = float(np.exp(found.x))
+    balance = Balance(search, setting, machine(clearance), clearance)
+    again = [balance.fit(one.hypotheses, one.values)]
+    if one.hypotheses[0].name == EDGED and len(one.hypotheses) == 1:  # its edges may have been met wrongly
+        again += [other for other in [balance.best(one.hypotheses)] if other is not None]
+    return replace(min(again, key=lambda other: other.cost), curve=one.curve)
+
+
+def find_clock(measured: Measured, known: Alignment, machine: SliderCrank) -> float:
+    """What the clock of a machine's table over time shows where a recording begins [s].
+
+    Args:
+        measured: whole recording.
+        known: its alignment.
+        machine: with the table.
+
+    Raises:
+        LinAlgError: a linkage that does not turn.
+    """
+    path = reconstruct(measured, machine.parameters(), loose(machine), known.speed, known.angle)
+    turning = Turning.along(path, machine, measured)
+    beyond, time = beyond_ideal(machine, turning), binned(turning.time)
+    offsets = np.column_stack([np.ones(len(time)), time])
+
+    def left(clock: float) -> np.ndarray:
+        inertia, acceleration = answer(machine, replace(turning, begin=turning.begin + clock))
+        lacking = beyond - binned(inertia * (acceleration - turning.acceleration))
+        bare: np.ndarray = lacking - offsets @ regressed(offsets, lacking, scatter)
+        return bare
+
+    scatter = scatter_of([beyond])
+    period = float(machine.parameters()[Parameter.TABLE_PERIOD])
+    step = period / _CLOCKS
+    near = min(step * np.arange(_CLOCKS), key=lambda clock: cost_of(left(clock), scatter))
+    found = minimize_scalar(
+        lambda clock: cost_of(left(clock), scatter), method="bounded", bounds=(near - step, near + step),
+        options={"maxiter": _CLOSER},
+    )  # fmt: skip
+    return float(found.x % period)

@@ -1,0 +1,188 @@
+"""Effects that no look beside a nominal path can judge: they add coordinates, or change much at once."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import EXPLAINED, POOR, Attempt, explained
+from clearance.diagnosis.following.growth import Followed, grow
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.searching.everywhere import astray, fit_everywhere, start_with
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE
+from clearance.diagnosis.searching.search import FAR, Search, beside, enough
+from clearance.diagnosis.searching.significance import SURE, unsettled
+from clearance.diagnosis.searching.work import DRIVE
+from clearance.diagnosis.shooting.model import Model
+from clearance.errors import InputError
+
+_FITTED = 2  # of them that are fitted to all recordings
+_LEFT = 0.3  # of what a base that explains leaves: what is right leaves less
+_TRIALS = 3  # plausible shapes or sizes of an effect that are tried
+_SUREST = 3  # effects that a linear look is sure of
+_ELSEWHERE = (DRIVE, "second_clearance", "rod_flexibility", "flexible_base", LOOSE_GUIDE)
+"""Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
+_OUTSIDE = ("crank", "rod", "slider")  # what acts there does work
+_FILM = "joint_lubrication"
+_EDGED = "process_load"  # at one place of many: a size alone says nothing
+
+
+def begin_elsewhere(search: Search, explanation: Explanation, base: Attempt) -> None:
+    """Fit effects that add coordinates or change much at once, from plausible sizes, beside ``base``.
+
+    No linear look at a path without them can judge them. They are tried on one recording; the best are
+    fitted to all.
+    """
+    tried = (DRIVE,) if base is explanation.nominal and base.misfit > FAR else ()  # in ``begin_plausible``
+    groups = [g for g in _judged_elsewhere(search.others(base)) if g[0].name not in tried]
+    _try_out(search, explanation, base, groups, None)
+
+
+def begin_sure(search: Search, explanation: Explanation) -> None:
+    """Fit what a linear look is sure of on paths of its own, as large as it promises, until all is settled.
+
+    The states around each impact were fitted to the nominal contact: beside them a contact ten times softer
+    shows a slope and no way there.
+    """
+    nominal = explanation.nominal
+    sure = [hint for hint in explanation.hints if hint.gain > SURE and hint.hypotheses[0].fault is None]
+    for hint in sure[:_SUREST]:
+        if search.late() or not unsettled(explanation):
+            return
+        held, values = beside(nominal, hint.hypotheses, hint.values)
+        search.keep(
+            explanation, held, lambda h=held, v=values: search.grown(h, v), again=True  # type: ignore[misc]
+        )  # fmt: skip
+
+
+def begin_again(search: Search, explanation: Explanation) -> None:
+    """Fit the best explanation so far on paths that are sought anew with it.
+
+    The paths that it was found on are of a machine that lacks it: that led them, and their clearance, astray.
+    """
+    best, surest = explanation.best, int(np.argmin([start.doubt for start in search.starts]))
+    row = best.fit.values[surest].copy()
+    search.keep(
+        explanation, best.hypotheses,
+        lambda: fit_everywhere(search, best.hypotheses, row, surest, best, anew=True),
+    )  # fmt: skip
+
+
+def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> None:
+    """Fit every effect of one size from a plausible one, where the path is far from right.
+
+    A linear look beside such a path may promise nothing of an effect that, once there, follows the recording.
+    Where the work is balanced only effects inside the joint are tried.
+    """
+    if base.misfit < FAR:
+        return
+    known = {attempt.label for attempt in explanation.attempts}
+    groups = [
+        [group[0]]
+        for group in search.others(base)
+        if _of_one_size(group[0])
+        and group[0].fault is None
+        and group[0].name not in (*_ELSEWHERE, *GEOMETRIC, _EDGED)
+        and group[0].label not in known
+        and not (explanation.balanced and group[0].body in _OUTSIDE)
+    ]
+    drives = [group for group in _judged_elsewhere(search.others(base)) if group[0].name == DRIVE]
+    _try_out(search, explanation, base, [*groups, *([] if explanation.balanced else drives)], None)
+
+
+def begin_film(search: Search, explanation: Explanation) -> None:
+    """Fit a film in the joint where the motion shows another clearance than the nominal machine finds.
+
+    A machine whose journal is cushioned moves as if its gap were small, which the geometry contradicts. Where
+    the path is near, a film shows little in a linear look, and is found from any plausible size.
+    """
+    nominal, shown = explanation.nominal, search.profile.best
+    other = astray(nominal.fit.values[0, 0], shown)
+    near = nominal.misfit < FAR and not explained(nominal)  # beyond: in ``begin_plausible``
+    if other or near:
+        groups = [g for g in search.others(nominal) if g[0].name == _FILM]
+        _try_out(search, explanation, nominal, groups, shown if other else None)
+
+
+def _try_out(
+    search: Search,
+    explanation: Explanation,
+    base: Attempt,
+    groups: Sequence[Sequence[Hypothesis]],
+    clearance: float | None,
+) -> None:
+    """Try hypotheses on one recording, fit the best to all; from a clearance [m], or that of ``base``."""
+    surest = int(np.argmin([start.doubt for start in search.starts]))
+    limit, good = max(base.misfits[surest], POOR), enough(base, surest)
+    little = min(EXPLAINED, 1.0 + _LEFT * (base.misfits[surest] - 1.0)) if explained(base) else EXPLAINED
+    tried: list[tuple[float, list[Hypothesis], np.ndarray]] = []
+
+    def everywhere(held: list[Hypothesis], row: np.ndarray) -> bool:
+        before = explanation.best
+        search.keep(explanation, held, lambda: fit_everywhere(search, held, row, surest, base))
+        return explained(explanation.best) and explanation.best is not before
+
+    for group in groups:
+        for hypothesis in _of_other_sizes(group)[:_TRIALS]:
+            if search.late():
+                return
+            held, values = beside(base, [hypothesis], hypothesis.start)
+            model, row = search.setting.model(held), values[surest]
+            row[0] = row[0] if clearance is None else clearance
+
+            def one(
+                h: Hypothesis = hypothesis, model: Model = model, row: np.ndarray = row
+            ) -> Followed | None:
+                return grow(start_with(search, h, model, row, surest), model, row, limit)
+
+            try:
+                begun = f"{base.label} + {hypothesis.label} from {row}, one recording"
+                found = search.finished.followed(begun, one)
+            except (InputError, np.linalg.LinAlgError):
+                continue
+            if found is None:
+                continue
+            misfit = found[2]
+            search.report(f"  {hypothesis.label}: misfit {misfit:.3g} on one recording")
+            if misfit < little:  # of the others, too? one recording at one speed shows little of a motor
+                if everywhere(held, found[1]):
+                    return
+                break
+            tried.append((misfit, held, found[1]))
+    best: dict[str, tuple[float, list[Hypothesis], np.ndarray]] = {}
+    for trial in sorted(tried, key=lambda trial: trial[0]):
+        best.setdefault(trial[1][-1].label, trial)
+    for misfit, held, row in list(best.values())[:_FITTED]:
+        if misfit > (little if explained(base) else good) or search.late() or everywhere(held, row):
+            return
+
+
+def _of_other_sizes(group: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Trials of one effect, other sizes before other shapes: a mode at 1.7 kHz is not found from 300 Hz."""
+    seen: dict[tuple[float, ...], int] = {}
+    order = []
+    for hypothesis in group:
+        size = tuple(hypothesis.start[~hypothesis.shapes])
+        seen[size] = seen.get(size, 0) + 1
+        order.append(seen[size])
+    return [group[i] for i in np.argsort(order, kind="stable")]
+
+
+def _single(hypothesis: Hypothesis) -> bool:
+    """Whether it has one size beside shapes: the simplest variant of its effect; a drive has two gains."""
+    return _of_one_size(hypothesis) or hypothesis.name == DRIVE
+
+
+def _of_one_size(hypothesis: Hypothesis) -> bool:
+    return int((~hypothesis.shapes).sum()) == 1
+
+
+def _judged_elsewhere(groups: Sequence[Sequence[Hypothesis]]) -> list[Sequence[Hypothesis]]:
+    """The simplest variants of the effects in ``_ELSEWHERE``, in that order; both kinds of drive."""
+    single = [g for g in groups if g[0].name in _ELSEWHERE and _single(g[0])]
+    fewest: dict[str, int] = {}
+    for group in single:
+        count = len(group[0].unknowns)
+        fewest[group[0].name] = min(count, fewest.get(group[0].name, count))
+    chosen = [g for g in single if g[0].name == DRIVE or len(g[0].unknowns) == fewest[g[0].name]]
+    return sorted(chosen, key=lambda g: _ELSEWHERE.index(g[0].name))

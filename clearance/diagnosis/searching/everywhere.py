@@ -1,0 +1,83 @@
+"""What one recording suggests of a machine, fitted to all of them on paths that are sought anew."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import LOOSENESS, Attempt, explained
+from clearance.diagnosis.following.growth import Start
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE
+from clearance.diagnosis.searching.search import HALFWAY, Search
+from clearance.diagnosis.searching.work import DRIVE
+from clearance.diagnosis.shooting.model import Model
+
+_LOOKS = 3  # at all recordings
+_LESS = 0.8  # of the misfit of the look before: what leaves more is not looked at again
+_ASTRAY = 1.3  # times larger or smaller than another one: a clearance that means another path
+
+
+def fit_everywhere(
+    search: Search,
+    held: Sequence[Hypothesis],
+    row: np.ndarray,
+    surest: int,
+    base: Attempt,
+    anew: bool = False,
+) -> Attempt | None:
+    """Fit to all recordings what the surest one suggests, again on the paths that this gives while it helps.
+
+    What speed a drive is asked for, and its integral, follow from the torque by the drive's own gains: paths
+    are sought anew with another drive; with ``anew`` they are from the first look on.
+    """
+    model, drive = search.setting.model(held), held[-1].name == DRIVE
+    best: Attempt | None = None
+    for look in range(_LOOKS):
+
+        def begin(r: int, row: np.ndarray = row, again: bool = anew or look > 0) -> Start:
+            if again or (drive and r != surest):
+                return start_anew(search, model, row, r)
+            return start_with(search, held[-1], model, row, r)
+
+        with ThreadPoolExecutor(search.workers) as pool:
+            starts = list(pool.map(begin, range(len(search.starts))))
+        values = np.repeat(row[None], len(starts), axis=0)
+        for r, start in enumerate(starts):
+            if anew or look or r != surest:
+                values[r, -1] = start.trace.speed
+        found = search.grown(held, values, starts, base=base)
+        if found is None or (best is not None and not found.misfit < best.misfit):
+            break
+        little = best is not None and found.misfit > _LESS * best.misfit
+        best, row = found, found.fit.values[surest].copy()
+        # a wrong size may have led the clearance astray; the motion knows it, unless it is misled, too
+        if not misleads(held[-1]) and astray(row[0], search.profile.best):
+            row[0] = search.profile.best
+        if explained(best) or little or best.misfit > HALFWAY * base.misfit:
+            break
+    return best
+
+
+def start_with(search: Search, hypothesis: Hypothesis, model: Model, row: np.ndarray, r: int) -> Start:
+    """Where a recording can be followed from: anew where a hypothesis makes it another path."""
+    structural = hypothesis.structural(search.setting.with_clearance(3e-4))
+    if not (structural or misleads(hypothesis) or astray(row[0], search.clearance)):
+        return search.starts[r]
+    return start_anew(search, model, row, r)
+
+
+def start_anew(search: Search, model: Model, row: np.ndarray, r: int) -> Start:
+    """Where a recording can be followed from, at its own speed, with what another one may have told."""
+    trace = search.retrace(r, model.machine(row), model.instrument(row))
+    return Start.of(trace, model.held(np.append(row[:-1], trace.speed)), LOOSENESS)
+
+
+def misleads(hypothesis: Hypothesis) -> bool:
+    """Whether the motion itself is taken for another one without it: it moves links or alters a sensor."""
+    return hypothesis.name in (*GEOMETRIC, LOOSE_GUIDE) or hypothesis.fault is not None
+
+
+def astray(clearance: float, other: float) -> bool:
+    """Whether two clearances mean two paths."""
+    return abs(np.log(clearance / other)) > np.log(_ASTRAY)

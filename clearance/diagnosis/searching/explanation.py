@@ -1,0 +1,59 @@
+"""What was tried and what came of it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import Attempt
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.searching.screening import Hint
+
+
+@dataclass(frozen=True)
+class Rails:
+    """What the motion alone says of a slider that is loose in its guide.
+
+    Attributes:
+        gap: of free travel on each side [m].
+        clearance: of the joint beside it [m].
+    """
+
+    gap: float
+    clearance: float
+
+
+@dataclass
+class Explanation:
+    """What was tried and what came of it.
+
+    Attributes:
+        nominal: the machine as it is, refitted.
+        attempts: hypotheses that were fitted, best first.
+        hints: of the first screening.
+        suspected: body and direction of a force without a name that explains more than others, if one does.
+        rails: between which the slider moves, if it does.
+        balanced: whether the drive and the known loads give the torque that the motion needs.
+        unpushed: whether no force on the links would give what they do not.
+        pushes: single effects that would, with the (unknowns,) sizes of each.
+    """
+
+    nominal: Attempt
+    attempts: list[Attempt] = field(default_factory=list)
+    hints: list[Hint] = field(default_factory=list)
+    suspected: tuple[str, str] | None = None
+    rails: Rails | None = None
+    balanced: bool = False
+    unpushed: bool = False
+    pushes: list[tuple[Hypothesis, np.ndarray]] = field(default_factory=list)
+
+    @property
+    def best(self) -> Attempt:
+        """The attempt with the smallest penalised misfit, of those that may be asserted."""
+        return min([self.nominal, *(a for a in self.attempts if not a.withdrawn)], key=penalised)
+
+
+def penalised(attempt: Attempt) -> float:
+    """Robust sum of squares at the smallest scale reached, with a price for each parameter (Schwarz 1978)."""
+    samples = sum(p.samples for p in attempt.fit.passes)
+    shared = attempt.model.shared
+    return samples * attempt.misfit + shared * np.log(samples) * max(attempt.misfit, 1.0)

@@ -1,0 +1,137 @@
+"""Effects at which the motion alone points: forces that its work needs, dimensions, a shoe that rattles."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, same
+from clearance.diagnosis.hypotheses.missing_force import KNOTS
+from clearance.diagnosis.searching.balance import settle_in, suggest_forces
+from clearance.diagnosis.searching.everywhere import fit_everywhere
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.free_search import refine_table
+from clearance.diagnosis.searching.geometry import suggest_dimensions
+from clearance.diagnosis.searching.search import HALFWAY, NEARLY, Search, beside
+from clearance.diagnosis.searching.wear import suggest_wear
+from clearance.errors import InputError
+
+_FITTED = 3  # of the forces that are suggested
+_NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
+
+
+def begin_balanced(search: Search, explanation: Explanation) -> None:
+    """Fit effects that give the torque which the motion needs, where the path is not near."""
+    nominal = explanation.nominal
+    if nominal.misfit < NEARLY:
+        return
+    try:
+        suggested = suggest_forces(search, search.setting, search.profile.best)
+    except np.linalg.LinAlgError:
+        return
+    if suggested is None:
+        return
+    explanation.balanced, explanation.unpushed = suggested.balanced, not suggested.forces
+    explanation.pushes = [
+        (one.hypotheses[0], one.values)
+        for one in suggested.forces
+        if len(one.hypotheses) == 1 and one.curve is None
+    ]
+    known: list[set[str]] = []  # one variant of each effect, one argument of a force without a name
+    for one in suggested.forces:
+        names = {h.name for h in one.hypotheses} if one.curve is None else {one.label}
+        if names in known:
+            continue
+        known.append(names)
+        try:
+            settled = settle_in(search, search.setting, one)
+        except (InputError, np.linalg.LinAlgError):
+            continue
+        shown = ", ".join(f"{value:.4g}" for value in settled.values)
+        search.report(f"  {one.label} = {shown} goes with a clearance of {settled.clearance * 1e3:.3f} mm")
+        with search.timed(one.rhythm):
+            found = _fit(
+                search, explanation, nominal, one.hypotheses, settled.values, settled.clearance, anew=True
+            )
+        table = one.curve
+        if found is not None and table is not None and len(table.knots) <= KNOTS and not explained(found):
+            refine_table(search, explanation, table, found)
+        nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
+        if explained(explanation.best) or nearly or search.late() or len(known) == _FITTED:
+            return
+
+
+def begin_dimensions(search: Search, explanation: Explanation, channels: Mapping[str, float]) -> None:
+    """Fit dimensions and faults with which the motion alone agrees better, on paths that are sought anew.
+
+    Beside a dimension that does not explain all, with the best of what was found before, or with a force that
+    the balance of work then names.
+
+    Args:
+        search: after its nominal stage.
+        explanation: added to.
+        channels: as of ``suggest_dimensions``.
+    """
+    nominal, part = explanation.nominal, explanation.best
+    for one in suggest_dimensions(search, channels):
+        size = np.array([one.value])
+        _fit(search, explanation, nominal, [one.hypothesis], size, one.clearance, anew=False)
+        if explained(explanation.best) or search.late():
+            return
+        if one.hypothesis.fault is not None:
+            continue
+        new = part.hypotheses and all(not same(one.hypothesis, held) for held in part.hypotheses)
+        if new and part.misfit < HALFWAY * nominal.misfit:
+            more, clearance = part.hypotheses, one.clearance
+            values = part.fit.values[0, 1 : part.model.shared]
+        else:
+            setting = replace(search.setting, machine=one.hypothesis.apply(search.setting.machine, size))
+            try:
+                suggested = suggest_forces(search, setting, one.clearance, named=True)
+                if suggested is None or not suggested.forces:
+                    continue
+                force = settle_in(search, setting, suggested.forces[0])
+            except (InputError, np.linalg.LinAlgError):
+                continue
+            more, values, clearance = force.hypotheses, force.values, force.clearance
+        sizes = np.append(size, values)
+        _fit(search, explanation, nominal, [one.hypothesis, *more], sizes, clearance, anew=True)
+        if explained(explanation.best) or search.late():
+            return
+
+
+def begin_wear(search: Search, explanation: Explanation, base: Attempt) -> None:
+    """Fit a worn bearing beside ``base``, from the lobes that the motion shows, on paths sought anew.
+
+    How much better the motion agrees says little: beside a missing force lobes do, too (a tenth was seen).
+    """
+    try:
+        one = suggest_wear(search, base)
+    except (InputError, np.linalg.LinAlgError):
+        return
+    if one is None:
+        return
+    shown = ", ".join(f"{value:.3g}" for value in one.values)
+    search.report(
+        f"  the motion agrees best with {one.hypothesis.label} = {shown} and a clearance of "
+        f"{one.clearance * 1e3:.3f} mm: {one.share:.0%} of the disagreement are left"
+    )
+    _fit(search, explanation, base, [one.hypothesis], one.values, one.clearance, anew=True)
+
+
+def _fit(
+    search: Search,
+    explanation: Explanation,
+    base: Attempt,
+    hypotheses: Sequence[Hypothesis],
+    values: np.ndarray,
+    clearance: float,
+    anew: bool,
+) -> Attempt | None:
+    """Fit hypotheses beside ``base`` from values and a clearance [m]; ``anew`` as of ``fit_everywhere``."""
+    surest = int(np.argmin([start.doubt for start in search.starts]))
+    held, rows = beside(base, hypotheses, values)
+    row = rows[surest]
+    row[0] = clearance
+    return search.keep(explanation, held, lambda: fit_everywhere(search, held, row, surest, base, anew))

@@ -1,0 +1,178 @@
+"""What the motion alone says of the mechanism's dimensions and of its sensors, before any force is believed.
+
+The path that the accelerations show (``reconstruction``) must fit the links, the guide, the gaps of the
+joints and every channel. Where a dimension or a sensor is wrong it does not, whatever moves the machine; a
+force that is missing leaves the agreement as it is. On the plant's machines a guide line that lies
+elsewhere or play in the other joint, once put right, lowers the disagreement to a seventh or to three
+quarters; where it is small from the start, play takes up a little of what friction does. Without a sensor at
+fault a third is left, without another one two thirds.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from clearance.diagnosis.following.trace import COMPARED, agreement, loose, profile
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.kinematics.lift import suggest_gap
+from clearance.diagnosis.kinematics.reconstruction import reconstruct
+from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.sensing.instrument import Instrument
+from clearance.diagnosis.sensing.measured import SAMPLES, Measured
+from clearance.errors import InputError
+from clearance.mechanism.parameters import Parameter
+from clearance.mechanism.slider_crank import SliderCrank
+
+GEOMETRIC = ("slider_offset", "second_clearance")
+"""Effects that change where the links can be."""
+LOOSE_GUIDE, VERTICAL = "guide_clearance", "slider_vertical"
+_CLOCK = "timebase"
+
+_MULTIPLES = np.outer([-1.0, 1.0], [0.5, 2.0, 5.0, 15.0, 40.0]).ravel()  # of a plausible size
+_WITHIN = 2.5  # times larger or smaller than the best one of these
+_CLEARLY = 0.9  # of the disagreement without it
+_MUCH = 0.4  # by which it falls at least: below, a second gap takes up what a friction does (0.2 seen)
+_MISLED = 0.5  # of the disagreement: less is left without a channel whose sensor is at fault
+_RAILED = 0.6  # likewise, between the right rails
+_SHOWN = 5.0  # times the noise: what a slider that leaves its line shows
+_CLOSER = 8  # sizes that are compared around the best one
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A dimension, or the size of a sensor's fault, with which the motion agrees better.
+
+    Attributes:
+        hypothesis: that it differs.
+        value: at which the motion agrees best.
+        clearance: beside it [m].
+        share: of the disagreement that is left.
+    """
+
+    hypothesis: Hypothesis
+    value: float
+    clearance: float
+    share: float
+
+
+def suggest_channels(search: Search) -> dict[str, float]:
+    """Channels without which the motion agrees much better, the most suspicious one first: what is left."""
+    machine = search.setting.with_clearance(search.profile.best)
+    recordings, channels = search.recordings, search.recordings[0].channels
+
+    def disagree(heard: list[Measured]) -> float:
+        return float(agreement(heard, search.alignments, [machine], COMPARED, search.workers)[0])
+
+    whole = disagree(recordings)
+    shares = {c: disagree([one.without(c) for one in recordings]) / whole for c in channels}
+    found = {c: shares[c] for c in sorted(channels, key=lambda c: shares[c]) if shares[c] < _MISLED}
+    for channel, share in found.items():
+        search.report(f"  without {channel} {share:.0%} of the motion's disagreement are left")
+    return found
+
+
+def suggest_dimensions(search: Search, channels: Mapping[str, float]) -> list[Dimension]:
+    """Dimensions and faults with which the motion agrees clearly better, the best one first.
+
+    Args:
+        search: after its nominal stage.
+        channels: whose sensors may be at fault, with what is left of the disagreement without each; unless
+            a dimension leaves less.
+    """
+    found: list[Dimension] = []
+    single = [group[0] for group in search.groups.values() if len(group[0].unknowns) == 1]
+    single.sort(key=lambda one: one.fault is not None)
+    for hypothesis in single:
+        possible = hypothesis.name in (*GEOMETRIC, _CLOCK)
+        if hypothesis.channel is not None and hypothesis.channel in channels:
+            left = channels[hypothesis.channel]
+            possible = all(left < one.share for one in found if one.hypothesis.fault is None)
+        best = _dimension(search, hypothesis) if possible else None
+        if best is not None:
+            search.report(
+                f"  the motion agrees with {hypothesis.label} = {best.value:.3g} and a clearance of "
+                f"{best.clearance * 1e3:.3f} mm: {best.share:.0%} of the disagreement are left"
+            )
+            found.append(best)
+    return sorted(found, key=lambda one: one.share)
+
+
+def suggest_guide(search: Search) -> Dimension | None:
+    """Play of the slider in its guide, where its own sensor shows rails and the motion agrees with them.
+
+    Raises:
+        LinAlgError: a linkage that does not turn.
+    """
+    hypothesis = next((g[0] for g in search.groups.values() if g[0].name == LOOSE_GUIDE), None)
+    recordings, alignments, workers = search.recordings, search.alignments, search.workers
+    if hypothesis is None or any(VERTICAL not in one.channels for one in recordings):
+        return None
+    nominal = search.setting.with_clearance(search.profile.best)
+    paths = [
+        reconstruct(
+            one, nominal.parameters(), loose(nominal), known.speed, known.angle, COMPARED * SAMPLES
+        ).across
+        for one, known in zip(recordings, alignments, strict=True)
+    ]  # fmt: skip
+    sigma = max(float(one.sigma[one.channels.index(VERTICAL)]) for one in recordings)
+    if min(float(path[0].std()) for path in paths) < _SHOWN * sigma:
+        return None
+    stiffness = hypothesis.apply(nominal, hypothesis.start).parameters()[Parameter.GUIDE_STIFFNESS]
+    period = 1.0 / recordings[0].chain.rate
+    gap = suggest_gap([(path[0], path[1]) for path in paths], float(stiffness), sigma, period)
+    if gap is None:
+        return None
+    size = np.array([gap])
+    beside = profile(
+        recordings, alignments, lambda c: hypothesis.apply(search.setting.with_clearance(c), size), workers
+    )
+    share = float(beside.misfit.min() / search.profile.misfit.min())
+    if share > _RAILED:
+        return None
+    search.report(
+        f"  the slider strikes rails that leave it {gap * 1e6:.3g} um on each side, with a clearance of "
+        f"{beside.best * 1e3:.3f} mm: {share:.0%} of the motion's disagreement are left"
+    )
+    return Dimension(hypothesis, gap, beside.best, share)
+
+
+def _dimension(search: Search, hypothesis: Hypothesis) -> Dimension | None:
+    (off,), (unknown,) = hypothesis.off, hypothesis.unknowns
+    off = off if np.isfinite(off) else 0.0
+    sizes = off + _MULTIPLES * (hypothesis.start[0] - off)
+    sizes = sizes[(sizes >= unknown.low) & (sizes <= unknown.high)]
+
+    def machine(clearance: float, size: float) -> SliderCrank:
+        nominal = search.setting.with_clearance(clearance)
+        return nominal if hypothesis.fault else hypothesis.apply(nominal, np.array([size]))
+
+    def heard(size: float) -> list[Measured]:
+        if hypothesis.fault is None:
+            return search.recordings
+        instrument = hypothesis.fault(Instrument(), np.array([size]))
+        return [one.undone(instrument) for one in search.recordings]
+
+    def disagree(clearance: float, size: float) -> float:
+        try:
+            machines = [machine(clearance, size)]
+            return float(agreement(heard(size), search.alignments, machines, COMPARED, search.workers)[0])
+        except InputError:
+            return float("inf")
+
+    nominal = [search.setting.with_clearance(search.profile.best)]
+    without = float(agreement(search.recordings, search.alignments, nominal, COMPARED, search.workers)[0])
+    tried = [disagree(search.profile.best, size) for size in sizes]
+    if not tried or not min(tried) < min(_CLEARLY * without, without - _MUCH):
+        return None
+    size = float(sizes[int(np.argmin(tried))])
+    beside = profile(heard(size), search.alignments, lambda c: machine(c, size), search.workers).best
+    low, high = sorted((off + (size - off) / _WITHIN, off + (size - off) * _WITHIN))
+    closer = minimize_scalar(
+        lambda one: disagree(beside, float(one)), method="bounded",
+        bounds=(max(low, unknown.low), min(high, unknown.high)), options={"maxiter": _CLOSER},
+    )  # fmt: skip
+    if not closer.fun < _CLEARLY * without:  # at another clearance it is no better
+        return None
+    return Dimension(hypothesis, float(closer.x), beside, float(closer.fun / without))

@@ -1,0 +1,95 @@
+"""Beside what explains the recordings: would a force of free form say more, is something small left?"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.hypotheses.missing_force import unnamed
+from clearance.diagnosis.searching.explanation import Explanation, penalised
+from clearance.diagnosis.searching.free_search import reshape
+from clearance.diagnosis.searching.screening import Hint, screen
+from clearance.diagnosis.searching.search import Search, beside
+from clearance.diagnosis.searching.significance import SURE, margin, unsettled
+from clearance.diagnosis.searching.torn import rejoin_impacts
+from clearance.diagnosis.searching.widen import kinds
+
+_FITTED = 4  # hypotheses of one screening that are fitted
+_ONSET = 0.01  # of what a linear look promises, to begin with
+
+
+def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
+    """Look beside what explains the recordings for what is small but sure, until nothing is.
+
+    Where a linear look finds nothing that helps, impacts that are torn are asked. What is found beside the
+    nominal machine and says little of what is missing is not built on.
+
+    Args:
+        search: with its recordings.
+        explanation: added to.
+        most: effects that may be asserted together.
+    """
+    best = explanation.best
+    while explained(best) and len(best.hypotheses) < most and unnamed(best.hypotheses) is None:
+        if search.late():
+            return
+        found = screen(best, search.others(best), search.setting.joint, search.workers)
+        explanation.hints = explanation.hints or found.singles
+        sure = [replace(hint, values=_begun(hint)) for hint in found.singles if hint.gain > SURE]
+        _refit(search, explanation, best, sure)
+        if explanation.best is best:
+            _refit(search, explanation, best, rejoin_impacts(search, best))
+        _compare_kinds(search, explanation, best)
+        if explanation.best is best or (best is explanation.nominal and unsettled(explanation)):
+            return
+        best = explanation.best
+
+
+def contest(search: Search, explanation: Explanation) -> None:
+    """Let forces of free form compete with a named one on crank, rod or slider, alone or beside small ones.
+
+    A name is given up only where a table says clearly more: it can imitate what it has no name for.
+    """
+    best = explanation.best
+    if not explained(best) or unnamed(best.hypotheses) is not None or search.late():
+        return
+    labels = {h.label for h in best.hypotheses}
+    alone = [a for a in explanation.attempts if len(a.hypotheses) == 1 and a.label in labels and explained(a)]
+    if not alone:
+        return
+    reshape(search, explanation, min(alone, key=penalised))
+    table = explanation.best
+    if table is not best and penalised(table) + margin(best) > penalised(best):
+        for attempt in explanation.attempts:
+            attempt.withdrawn |= unnamed(attempt.hypotheses) is not None
+
+
+def _compare_kinds(search: Search, explanation: Explanation, base: Attempt) -> None:
+    """Where a fault of a sensor is best beside ``base``: its other kinds look alike in a linear look."""
+    added = explanation.best.hypotheses[len(base.hypotheses) :]
+    if len(added) != 1 or added[0].channel is None:
+        return
+    for hypothesis, values, _ in kinds(search, base, base.followers, added[0].channel):
+        if hypothesis.name == added[0].name or search.late():
+            return
+        held, rows = beside(base, [hypothesis], values)
+        search.refit(explanation, held, base.followers, rows, base.scale, 20)
+
+
+def _refit(search: Search, explanation: Explanation, base: Attempt, hints: Sequence[Hint]) -> None:
+    """Fit on the paths of ``base`` what is small but sure beside it."""
+    for hint in hints[:_FITTED]:
+        if search.late():
+            return
+        search.report(f"  {hint.label}: small but sure, {hint.gain:.4g}")
+        held, values = beside(base, hint.hypotheses, hint.values)
+        search.refit(explanation, held, base.followers, values, base.scale, 20)
+
+
+def _begun(hint: Hint) -> np.ndarray:
+    """A hint's values, drawn back to where its effect has hardly begun."""
+    off = np.concatenate([h.off for h in hint.hypotheses])
+    shapes = np.concatenate([h.shapes for h in hint.hypotheses])
+    near = np.isfinite(off) & ~shapes
+    return np.where(near, off + _ONSET * (hint.values - np.where(near, off, 0.0)), hint.values)

@@ -1,0 +1,401 @@
+"""From recordings to an explanation: nominal first, then one, two or three hypotheses beside it."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import (
+    ANNEALING,
+    FOLLOWED,
+    LOOSENESS,
+    POOR,
+    Attempt,
+    explained,
+    loosen,
+    refine,
+    whole,
+)
+from clearance.diagnosis.following.finished import Finished, kept_in
+from clearance.diagnosis.following.growth import Followed, Start, grow, scale_of
+from clearance.diagnosis.following.trace import Alignment, Trace, profile
+from clearance.diagnosis.hypotheses.clipping import clipped_sensors
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
+from clearance.diagnosis.kinematics.rhythm import Rhythm
+from clearance.diagnosis.searching.explanation import Explanation, penalised
+from clearance.diagnosis.searching.screening import Hint
+from clearance.diagnosis.sensing.instrument import Instrument
+from clearance.diagnosis.sensing.measured import NO_FAULT, Measured
+from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.model import Model
+from clearance.errors import InputError
+from clearance.mechanism.slider_crank import SliderCrank
+
+_GLANCES, _GLANCE = 3, 40  # glances at the clearance, and segments of each
+_FACTORS = (1.0, 0.95, 1.05)  # on it, tried one after another
+_SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on looks tell little
+PATIENCE = 40  # times that a path is looked for in vain at the beginning
+_LOOKS = 2  # times that recordings are followed anew with better values
+NEARLY = 4.0  # misfit up to which a model is worth another look
+HALFWAY = 0.3  # of the base's misfit: a sensor's fault that reaches that is worth a path of its own
+FAR = (
+    20.0  # misfit from which on a linear look beside the path tells little, and what is right leaves far less
+)
+_LEFT = 0.3  # of what is missing beside a near path: what is right leaves less, but for torn impacts
+_AS_GOOD = 1.05  # times the best misfit: what explains and leaves no more has ended in its minimum
+_BETTER = 0.8  # of the base's misfit: a model that does not reach that beside its path, or with one recording
+_WORSE = 2.0  # of the best misfit so far: a model is given up that follows worse than that
+
+
+class Search:
+    """The search for an explanation of several recordings of one machine."""
+
+    def __init__(
+        self,
+        recordings: Sequence[Measured],
+        alignments: Sequence[Alignment],
+        setting: Setting,
+        groups: dict[str, list[Hypothesis]],
+        workers: int,
+        report: Callable[[str], None],
+        deadline: float = np.inf,
+        finished: Path | None = None,
+    ) -> None:
+        self.recordings, self.alignments, self.setting = list(recordings), list(alignments), setting
+        self.groups, self.workers, self.report = groups, workers, report
+        self.deadline, self.stopped = deadline, ""
+        folder = kept_in(finished, self.recordings, self.alignments, setting, groups)
+        self.finished = Finished(folder, self.recordings, report)
+
+    def late(self) -> bool:
+        """Whether nothing new is to be tried; ``stopped`` says why."""
+        if not self.stopped and time.monotonic() > self.deadline:
+            self.stopped = "time_limit was over (time_limit=null sets none)"
+            self.finished.stop()
+        return bool(self.stopped)
+
+    def trace(self) -> None:
+        """Find the clearance at which the motion agrees best, and the path of every recording."""
+        self.profile = self.finished.profile(
+            lambda: profile(self.recordings, self.alignments, self.setting.with_clearance, self.workers)
+        )
+        self._retrace_all(self.profile.best)
+        joint, shown = self.setting.joint, f"{self.clearance * 1e3:.3f} mm"
+        self.report(f"the motion alone suggests a clearance of {shown} in joint {joint}")
+
+    def nominal(self) -> Explanation:
+        """Refit the nominal machine; where a glance moves the clearance, paths are sought anew with it.
+
+        Sensors that stop at a limit show it: with these limits it is followed first.
+        """
+        clipped = clipped_sensors(self.recordings, self.groups.values())
+        limits = [float(one.start[0]) for one in clipped]
+        known = np.array([self.clearance, *limits, self.traces[0].speed])
+        model = self.setting.model(clipped).only([0, len(known) - 1], known)
+        for _ in range(_GLANCES):
+            values = np.array([[self.clearance, trace.speed] for trace in self.traces])
+            self.starts = self.finished.starts(
+                self.traces,
+                lambda values=values: self.begin(self.traces, model, values),  # type: ignore[misc]
+            )
+            clearance = self.finished.number(
+                "glance",
+                lambda values=values: self.glance(model, values),  # type: ignore[misc]
+            )
+            if abs(np.log(clearance / self.clearance)) < _SAME:
+                break
+            self._retrace_all(clearance)
+        values[:, 0] = self.clearance
+        if min(start.doubt for start in self.starts) < FOLLOWED:
+            # the machine is right, or nearly: others that are lost are worth patience
+            self.starts = self.finished.starts(
+                self.traces, lambda: self.begin(self.traces, model, values, PATIENCE, self.starts)
+            )
+        found = self.finished.attempt((), model, lambda: self.grown((), values, model=model), self.workers)
+        assert found is not None
+        explanation = Explanation(found)
+        if clipped:
+            scale, (clearances, speeds) = max(found.scale, ANNEALING[3]), found.fit.values.T
+            plain, paths, begun = self.setting.model(), found.followers, found.fit.values
+            nominal = self.finished.attempt(
+                (), plain, lambda: refine((), plain, paths, begun, scale, 8, self.workers), self.workers
+            )
+            assert nominal is not None
+            explanation.nominal = nominal
+            values = np.column_stack([clearances, np.tile(limits, (len(speeds), 1)), speeds])
+            self.refit(explanation, clipped, found.followers, values, scale)
+        shown = f"clearance {found.fit.values[0, 0] * 1e3:.4f} mm"
+        self.report(f"nominal: misfit {explanation.nominal.misfit:.3g}, {shown}")
+        return explanation
+
+    def glance(self, model: Model, values: np.ndarray) -> float:
+        """The clearance [m] that some steps through the surest recording suggest, or the present one."""
+        surest = int(np.argmin([start.doubt for start in self.starts]))
+        best, misfit = self.clearance, _UNSURE
+        for factor in _FACTORS:
+            row = values[surest] * [factor, 1.0]
+            found = grow(self.starts[surest], model, row, most=_GLANCE)
+            if found is not None and found[2] < misfit:
+                best, misfit = float(found[1][0]), found[2]
+            if misfit < FOLLOWED:
+                break
+        return best
+
+    def begin(
+        self,
+        traces: Sequence[Trace],
+        model: Model,
+        values: np.ndarray,
+        patience: int = 0,
+        before: Sequence[Start] = (),
+    ) -> list[Start]:
+        """Where each recording can be followed from by a machine with these values.
+
+        Args:
+            traces: of the recordings.
+            model: of the machine.
+            values: (recordings, unknowns).
+            patience: as of ``Start.of``.
+            before: starts that are kept where a recording is followed from them.
+        """
+
+        def one(r: int) -> Start:
+            if before and before[r].doubt < FOLLOWED:
+                return before[r]
+            return Start.of(traces[r], model.held(values[r]), LOOSENESS, patience)
+
+        with ThreadPoolExecutor(self.workers) as pool:
+            return list(pool.map(one, range(len(traces))))
+
+    def grown(
+        self,
+        hypotheses: Sequence[Hypothesis],
+        values: np.ndarray,
+        starts: Sequence[Start] | None = None,
+        limit: float = np.inf,
+        model: Model | None = None,
+        base: Attempt | None = None,
+        patient: bool = False,
+    ) -> Attempt | None:
+        """Follow all recordings step by step with a model, and fit it to all of them.
+
+        Args:
+            hypotheses: beside the nominal machine.
+            values: (recordings, unknowns) to begin with.
+            starts: where the recordings are followed from; as the nominal machine is if ``None``.
+            limit: misfit above which a model is given up on the way.
+            model: of the hypotheses; with its usual unknowns if ``None``.
+            base: an attempt that the first recording must be followed clearly better with than it is.
+            patient: as of ``grow``.
+        """
+        model = self.setting.model(hypotheses) if model is None else model
+        grown = self._grown(self.starts if starts is None else starts, model, values, limit, base, patient)
+        if grown is None:
+            return None
+        followers, rows, misfit = grown
+        return refine(hypotheses, model, followers, rows, scale_of(misfit), 8, self.workers)
+
+    def _grown(
+        self,
+        starts: Sequence[Start],
+        model: Model,
+        values: np.ndarray,
+        limit: float,
+        base: Attempt | None,
+        patient: bool,
+    ) -> tuple[list[Follower], np.ndarray, float] | None:
+        """Followers, values and misfit: the surest recording first, the others with what it tells."""
+        order = [int(r) for r in np.argsort([start.doubt for start in starts])]
+        rows, shared = values.copy(), model.shared
+        found = grow(starts[order[0]], model, rows[order[0]], limit, patient=patient)
+        if found is None or (base is not None and found[2] > enough(base, order[0])):
+            return None
+        grown = {order[0]: found}
+        rows[:, :shared] = found[1][:shared]
+        # what one recording tells of the machine holds for the others, if it followed
+        kept = list(range(shared if found[2] < FOLLOWED else 0, rows.shape[1]))
+
+        def one(r: int) -> Followed | None:
+            other = grow(starts[r], model.only(kept, rows[r]), rows[r, kept], limit, patient=patient)
+            return None if other is None else (other[0], np.append(rows[r, : kept[0]], other[1]), other[2])
+
+        with ThreadPoolExecutor(self.workers) as pool:
+            for r, other in zip(order[1:], pool.map(one, order[1:]), strict=True):
+                if other is None:
+                    return None
+                grown[r] = other
+        for r, each in grown.items():
+            rows[r, shared:] = each[1][shared:]
+        return [grown[r][0] for r in range(len(starts))], rows, float(np.mean([g[2] for g in grown.values()]))
+
+    def loosened(self, attempt: Attempt) -> Attempt:
+        """The nominal machine on an attempt's paths with unknown forces: what it lacks shows in them."""
+        forces = [trace.forces(LOOSENESS) for trace in self.traces]
+        values = attempt.fit.values[:, [0, -1]]
+        # where the nominal machine follows, forces are small: nothing has to be smoothed first
+        small = explained(attempt) and not attempt.hypotheses
+        scales = ANNEALING[3:4] if small else ANNEALING[2:4]
+        return loosen(self.setting.model(), values, attempt.followers, forces, scales, self.workers)
+
+    def others(self, base: Attempt) -> list[list[Hypothesis]]:
+        """Hypotheses about other things than those of an attempt."""
+        return [g for g in self.groups.values() if all(not same(g[0], h) for h in base.hypotheses)]
+
+    def follow(self, explanation: Explanation, base: Attempt, hint: Hint) -> None:
+        """Fit what a hint suggests beside the hypotheses of ``base``."""
+        held, values = beside(base, hint.hypotheses, hint.values)
+        limit = max(min(base.misfit, _WORSE * explanation.best.misfit), POOR)
+        self.keep(explanation, held, lambda: self.tighten(held, base, values, limit))
+
+    def tighten(
+        self, held: Sequence[Hypothesis], base: Attempt, values: np.ndarray, limit: float
+    ) -> Attempt | None:
+        """Fit hypotheses on the path of ``base`` where that is near, and step by step where it is not."""
+        if base.scale > ANNEALING[3]:
+            return self.follow_anew(held, base, values, limit)
+        found = refine(held, self.setting.model(held), base.followers, values, ANNEALING[3], 8, self.workers)
+        if explained(found) or not found.misfit < 1.0 + _LEFT * (base.misfit - 1.0):
+            return found
+        return self.follow_anew(held, base, found.fit.values, limit, found)
+
+    def follow_anew(
+        self,
+        held: Sequence[Hypothesis],
+        base: Attempt,
+        values: np.ndarray,
+        limit: float,
+        found: Attempt | None = None,
+    ) -> Attempt | None:
+        """Fit hypotheses step by step, unless that is no better than what was found beside the path."""
+        starts, heard = self.starts, any(h.fault is not None for h in held)
+        for look in range(_LOOKS):  # torn impacts are met better with the right values
+            other = self.grown(held, values, starts, limit, base=base)
+            if other is None and found is None:  # what is missing may have led the clearance astray
+                values = values.copy()
+                values[:, 0] = self.clearance
+                continue
+            better = found is None or (other is not None and other.misfit < found.misfit)
+            found = other if better else found
+            near = max(NEARLY, HALFWAY * base.misfit) if heard else NEARLY
+            if found is None or whole(found) or found.misfit > near or not better or look == _LOOKS - 1:
+                break
+            values = found.fit.values
+            if found.misfit > NEARLY:  # on a path of its own, its sensors' faults undone
+                starts = self.anew(found)
+        return found
+
+    def follow_best(self, explanation: Explanation, base: Attempt, tried: Sequence[Hint]) -> None:
+        """Follow with the best of what was tried beside the near path of ``base``: impacts may be torn."""
+        labels = [" + ".join(h.label for h in (*base.hypotheses, *hint.hypotheses)) for hint in tried]
+        fitted = [a for a in explanation.attempts if a.label in labels]
+        best = min(fitted, key=penalised, default=None)
+        if base.scale > ANNEALING[3] or best is None or not best.misfit < _BETTER * base.misfit:
+            return
+        limit = max(base.misfit, POOR)
+        self.keep(
+            explanation, best.hypotheses,
+            lambda: self.follow_anew(best.hypotheses, base, best.fit.values, limit, best),
+        )  # fmt: skip
+
+    def anew(self, attempt: Attempt) -> list[Start]:
+        """Where the recordings can be followed from with an attempt's machine and instruments."""
+        model = attempt.model
+        traces = [
+            self.retrace(r, model.machine(row), model.instrument(row))
+            for r, row in enumerate(attempt.fit.values)
+        ]
+        return self.begin(traces, model, attempt.fit.values)
+
+    def keep(
+        self,
+        explanation: Explanation,
+        held: Sequence[Hypothesis],
+        make: Callable[[], Attempt | None],
+        again: bool = False,
+    ) -> Attempt | None:
+        """Add an attempt to those that were made, unless it fails or was made before.
+
+        ``again``: though one with the same hypotheses explains, and not clearly worse than the best one does.
+        """
+        label, level = " + ".join(h.label for h in held), _AS_GOOD * explanation.best.misfit
+        made = [a for a in explanation.attempts if a.label == label and explained(a)]
+        if not again and any(a.misfit < level for a in made):
+            return None
+        try:
+            found = self.finished.attempt(held, self.setting.model(held), make, self.workers)
+        except (InputError, np.linalg.LinAlgError) as error:
+            self.report(f"{label}: {error}")
+            return None
+        if found is None or not np.isfinite(found.fit.information).all():
+            self.report(f"{label}: follows no better")
+            return None
+        explanation.attempts.append(found)
+        shown = ", ".join(f"{v:.5g}" for v in found.fit.values[0, 1 : found.model.shared])
+        self.report(f"{found.label}: misfit {found.misfit:.3g} at {shown}")
+        return found
+
+    def refit(
+        self,
+        explanation: Explanation,
+        held: Sequence[Hypothesis],
+        followers: Sequence[Follower],
+        values: np.ndarray,
+        scale: float,
+        iterations: int = 8,
+        again: bool = False,
+    ) -> Attempt | None:
+        """Fit hypotheses on paths that are nearly right, from a scale of the noise on; keep the attempt."""
+        model = self.setting.model(held)
+        return self.keep(
+            explanation, held,
+            lambda: refine(held, model, followers, values, scale, iterations, self.workers), again,
+        )  # fmt: skip
+
+    @contextmanager
+    def timed(self, rhythm: Rhythm | None) -> Iterator[None]:
+        """Within it paths are sought by a clock that recordings share, for a period at least."""
+        before = self.recordings
+        if rhythm is not None:
+            self.recordings = [
+                replace(one, clock=clock, period=rhythm.period)
+                for one, clock in zip(before, rhythm.clocks, strict=True)
+            ]
+        try:
+            yield
+        finally:
+            self.recordings = before
+
+    def _retrace_all(self, clearance: float) -> None:
+        """Go on with a clearance [m]: the paths of all recordings."""
+        self.clearance = clearance
+        machine = self.setting.with_clearance(clearance)
+
+        def make() -> list[Trace]:
+            with ThreadPoolExecutor(self.workers) as pool:
+                return list(pool.map(lambda r: self.retrace(r, machine), range(len(self.recordings))))
+
+        self.traces = self.finished.traces(self.alignments, make)
+
+    def retrace(self, r: int, machine: SliderCrank, instrument: Instrument = NO_FAULT) -> Trace:
+        """The path of a recording for another machine, or with faults of its sensors undone."""
+        return Trace.of(self.recordings[r], self.alignments[r], machine, instrument)
+
+
+def enough(base: Attempt, r: int) -> float:
+    """Misfit of a recording that an effect beside ``base`` must reach to be fitted to all."""
+    return max((HALFWAY if base.misfit > FAR else _BETTER) * base.misfits[r], POOR)
+
+
+def beside(
+    base: Attempt, hypotheses: Sequence[Hypothesis], values: np.ndarray
+) -> tuple[list[Hypothesis], np.ndarray]:
+    """Hypotheses with those of an attempt, and (recordings, unknowns) values to begin with."""
+    rows, shared = base.fit.values, base.model.shared
+    added = np.repeat(values[None], len(rows), axis=0)
+    return [*base.hypotheses, *hypotheses], np.concatenate(
+        [rows[:, :shared], added, rows[:, shared:]], axis=1
+    )

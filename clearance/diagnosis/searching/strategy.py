@@ -1,0 +1,212 @@
+"""In which order explanations are tried: what is likely and cheap first, what is rare and dear last."""
+
+from collections.abc import Callable
+from functools import cache
+
+from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.hypotheses.missing_force import Curve, unnamed
+from clearance.diagnosis.searching.elsewhere import (
+    begin_again,
+    begin_elsewhere,
+    begin_film,
+    begin_plausible,
+    begin_sure,
+)
+from clearance.diagnosis.searching.explanation import Explanation, penalised
+from clearance.diagnosis.searching.free_search import fit_curve, name_curve, reshape, suggest_curve
+from clearance.diagnosis.searching.from_motion import begin_balanced, begin_dimensions, begin_wear
+from clearance.diagnosis.searching.geometry import suggest_channels
+from clearance.diagnosis.searching.rattling import begin_guide
+from clearance.diagnosis.searching.scrutiny import contest, scrutinise
+from clearance.diagnosis.searching.search import FAR, NEARLY, Search
+from clearance.diagnosis.searching.significance import unsettled
+from clearance.diagnosis.searching.simplify import enlarge, prune
+from clearance.diagnosis.searching.small_force import begin_small_force
+from clearance.diagnosis.searching.wear import WORN
+from clearance.diagnosis.searching.widen import deafen, glaring, look, settled, widen
+
+_PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
+_ROOM = 1.03  # misfit above which an effect that explains may have more parameters
+_FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
+_MANY, _ACCUSED = 7, 0.4  # channels of which one can be spared; left of the motion's disagreement without it
+_PAIRS = 3  # pairs that are fitted
+_BODIES = ("crank", "rod", "slider")  # on which effects that no linear look can judge may do the same
+
+
+def find_explanation(
+    search: Search, explanation: Explanation, most: int, keep: Callable[[Explanation], None]
+) -> None:
+    """Find what explains the recordings, with as few effects as it takes.
+
+    A sensor that alone contradicts the nominal machine, or the motion, comes first. Where the path is not
+    near, effects follow that give the torque which the motion needs. Then single effects that promise
+    much of what is missing; dimensions and faulty sensors that the motion alone points at; where no force
+    gives that torque, a worn bearing, and where the path is far, effects that no linear look can judge;
+    effects and faults that promise a good part. Beside one that explains a good part, the next one, and
+    both on paths of their own. Then effects that promised little, since beside a path that is far from
+    right none promises much; forces of free form on the slider, or with which most of one recording is
+    explained; effects that no linear look can judge; faults that promised little; pairs of which neither
+    shows without the other; other tables; the best so far on paths of its own. A table is put to the test
+    against names. What explains is looked beside for what is small; where nothing takes away what is too
+    much for a machine with nothing missing, effects that a linear look is sure of, then small forces of
+    free form, then effects that it cannot judge, are tried on paths of their own. A named force must
+    stand against one of free form in its place. What is not needed is pruned.
+
+    Args:
+        search: after its nominal stage.
+        explanation: with the nominal attempt; added to.
+        most: effects that may be missing together.
+        keep: called after each step with what was found so far.
+    """
+    if not explained(explanation.nominal):
+        _search_all(search, explanation, most, keep)
+    if explained(explanation.best) and explanation.best.misfit > _ROOM and not search.late():
+        enlarge(search, explanation)
+    scrutinise(search, explanation, most)
+    if unsettled(explanation) and not search.late():
+        begin_sure(search, explanation)
+        begin_small_force(search, explanation)
+        table = unnamed(explanation.best.hypotheses)
+        if unsettled(explanation) or (table is not None and table.body in _BODIES):
+            begin_elsewhere(search, explanation, explanation.nominal)
+        if explanation.best.hypotheses:
+            scrutinise(search, explanation, most)
+    contest(search, explanation)
+    prune(search, explanation)
+
+
+def _search_all(
+    search: Search, explanation: Explanation, most: int, keep: Callable[[Explanation], None]
+) -> None:
+    nominal = explanation.nominal
+    prospects = look(search, explanation, nominal)
+    built_on: list[Attempt] = []
+    explored = False
+    waiting: list[Curve] = []
+    suspicious = cache(lambda: suggest_channels(search))
+    deafened: list[str] = []
+
+    def sensor() -> None:
+        channel = glaring(nominal)
+        if channel is None and nominal.misfit > FAR and len(search.recordings[0].channels) >= _MANY:
+            channel = next((c for c, left in suspicious().items() if left < _ACCUSED), None)
+        if channel is not None:
+            deafened.append(channel)
+            deafen(search, explanation, nominal, channel)
+
+    def balance() -> None:
+        begin_balanced(search, explanation)
+
+    def plain() -> None:
+        widen(search, explanation, nominal, prospects.plain)
+
+    def motion() -> None:
+        begin_guide(search, explanation)
+        if settled(search, explanation, nominal):
+            return
+        channels = dict(list(suspicious().items())[:_FAULTS])
+        begin_dimensions(search, explanation, channels)
+        if not settled(search, explanation, nominal):
+            begin_film(search, explanation)
+        for channel in channels:
+            if channel not in deafened and not settled(search, explanation, nominal):
+                deafen(search, explanation, nominal, channel)
+
+    def likely() -> None:
+        widen(search, explanation, nominal, prospects.likely)
+
+    def unlikely() -> None:
+        widen(search, explanation, nominal, [h for h in prospects.unlikely if h.hypotheses[0].fault is None])
+        if not (built_on or settled(search, explanation, nominal)):
+            begin_plausible(search, explanation, nominal)
+
+    def unlikely_faults() -> None:
+        faults = [h for h in prospects.unlikely if h.hypotheses[0].fault is not None]
+        widen(search, explanation, nominal, faults)
+
+    def build_on() -> None:
+        before, base = nominal, explanation.best
+        while base not in built_on and _in_part(base, before) and len(base.hypotheses) < most:
+            built_on.append(base)
+            enlarge(search, explanation)
+            if not explained(explanation.best):
+                reshape(search, explanation, explanation.best)
+            if _enough(explanation) or search.late():
+                return
+            base = explanation.best
+            beside = look(search, explanation, base)
+            hopeful = [*beside.plain, *beside.likely]
+            if any(hint.hypotheses[0].name == WORN for hint in hopeful):
+                begin_wear(search, explanation, base)
+            widen(search, explanation, base, hopeful)
+            if explanation.best is not base and not settled(search, explanation, base):
+                begin_again(search, explanation)
+            if not settled(search, explanation, base):
+                begin_elsewhere(search, explanation, base)
+            before, base = base, explanation.best
+
+    def curve() -> None:
+        if settled(search, explanation, nominal):
+            return
+        found, misfit = suggest_curve(search, nominal)
+        if found:
+            explanation.suspected = (found[0].body, found[0].direction)
+        if misfit < max(NEARLY, _PART * nominal.misfit) or (found and found[0].body == "slider"):
+            fit_curve(search, explanation, found)
+        else:
+            waiting.extend(found)
+
+    def elsewhere() -> None:
+        nonlocal explored  # beside the nominal machine, or beside a part, which falls away where it is none
+        if not (built_on or explored):
+            explored = True
+            begin_elsewhere(search, explanation, nominal)
+
+    def inside() -> None:
+        if explanation.unpushed:
+            begin_wear(search, explanation, nominal)
+            if nominal.misfit > FAR and not settled(search, explanation, nominal):
+                elsewhere()
+
+    def pair() -> None:
+        for hint in prospects.pairs[:_PAIRS]:
+            if not settled(search, explanation, nominal):
+                search.follow(explanation, nominal, hint)
+
+    def other_curve() -> None:
+        if not settled(search, explanation, nominal):
+            fit_curve(search, explanation, waiting)
+
+    def again() -> None:
+        best = explanation.best
+        if best is not nominal and not settled(search, explanation, nominal):
+            begin_again(search, explanation)
+
+    steps = (
+        sensor, build_on, balance, build_on, plain, motion, build_on, inside, likely, build_on, unlikely,
+        build_on, curve, elsewhere, build_on, unlikely_faults, build_on, pair, build_on, other_curve,
+        again, build_on,
+    )  # fmt: skip
+    for step in steps:
+        if not (_enough(explanation) or search.late()):
+            step()
+            keep(explanation)
+    if unnamed(explanation.best.hypotheses) is not None and not search.late():
+        name_curve(search, explanation)
+
+
+def _enough(explanation: Explanation) -> bool:
+    """Whether the recordings are explained, or a table leaves so little that its shape alone is missing."""
+    best = explanation.best
+    table = unnamed(best.hypotheses) is not None
+    return explained(best) or (table and best.misfit < min(_PART * explanation.nominal.misfit, NEARLY))
+
+
+def _in_part(attempt: Attempt, base: Attempt) -> bool:
+    """Whether named effects explain a good part of what ``base`` leaves, and not all."""
+    return (
+        len(attempt.hypotheses) > len(base.hypotheses)
+        and unnamed(attempt.hypotheses) is None
+        and not explained(attempt)
+        and penalised(attempt) < _PART * penalised(base)
+    )

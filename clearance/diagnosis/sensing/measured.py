@@ -1,0 +1,253 @@
+"""A recording as the estimator sees it: cut into segments, with its filter and its noise."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from clearance.diagnosis.sensing.instrument import Instrument
+from clearance.errors import InputError
+from clearance.recording.chain import MeasurementChain, declared_chain
+from clearance.recording.channels import CHANNELS
+from clearance.recording.recording import Recording
+from clearance.simulation.layout import Signal
+
+REACH = 4  # segments to each side whose motion enters a filtered sample
+SAMPLES = 10  # a segment
+ENCODER_COUNTS = 4096  # a turn, unless declared
+NO_FAULT = Instrument()
+_DEAF = 1e4
+_BLOCK = 64  # samples that show the noise
+_REPEATED, _OUTER, _NEXT = (
+    5,
+    0.9,
+    4,
+)  # times as often as values near it; share of it, or levels, that are near
+_NOISE = np.random.default_rng(0).normal(size=(4096, len(Signal)))
+_PACE = {  # power of the clock's unit of time in a channel; 2 for accelerations and torques
+    Signal.CRANK_ANGLE: 0.0, Signal.CRANK_SPEED: 1.0, Signal.SLIDER_POSITION: 0.0, Signal.SLIDER_VELOCITY: 1.0
+}  # fmt: skip
+_SIGNAL_OF = {signal.name.lower(): int(signal) for signal in Signal}
+
+
+def filter_weights(chain: MeasurementChain, samples: int, reach: int) -> np.ndarray:
+    """((2 reach + 1) samples, base samples) of one segment's motion in the filtered samples around it."""
+    factor = chain.decimation
+    length = (reach + 2) * samples
+    impulses = np.zeros((2 * length * factor, factor))
+    impulses[length * factor + np.arange(factor), np.arange(factor)] = 1.0
+    response = chain.apply(impulses)
+    weights = np.zeros(((2 * reach + 1) * samples, samples * factor))
+    for row in range(len(weights)):
+        for sample in range(samples):
+            weights[row, sample * factor : (sample + 1) * factor] = response[
+                length + row - reach * samples - sample
+            ]
+    for sample in range(samples):  # what is cut off must not change the gain at zero frequency
+        weights[sample::samples] /= weights[sample::samples].sum()
+    return weights
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A recording in segments.
+
+    Attributes:
+        name: of the recording.
+        values: (segments, samples, channels).
+        recorded: (samples, channels) of the whole recording that it is a part of.
+        first: segment of the whole where it begins.
+        channels: their names, accelerations first.
+        signals: (channels,) rows of ``Signal``.
+        sigma: (channels,) standard deviation of the noise.
+        chain: the filter it went through.
+        weights: see ``filter_weights``.
+        limits: (channels,) at which each stops, see ``limit``; infinite where it does not.
+        silent: channels that were left out because they are constant.
+        clock: what a clock that all recordings share shows where the whole recording begins [s].
+        period: after which something repeats by that clock, and which is followed whole [s]; 0: nothing does.
+    """
+
+    name: str
+    values: np.ndarray
+    recorded: np.ndarray
+    first: int
+    channels: tuple[str, ...]
+    signals: tuple[int, ...]
+    sigma: np.ndarray
+    chain: MeasurementChain
+    weights: np.ndarray
+    limits: np.ndarray
+    silent: tuple[str, ...] = ()
+    clock: float = 0.0
+    period: float = 0.0
+
+    @staticmethod
+    def of(recording: Recording, chain: MeasurementChain, name: str) -> "Measured":
+        """Cut a recording; its last incomplete segment is left out."""
+        known = [c for c in CHANNELS if c in recording.channels and c in _SIGNAL_OF]
+        if not known:
+            raise InputError(f"{name}: none of its channels is one that the mechanism has")
+        values = recording.values[:, [recording.channels.index(c) for c in known]]
+        segments = len(values) // SAMPLES
+        if segments < 2 * REACH + 8:
+            raise InputError(
+                f"{name}: {len(values)} samples are too few to follow; "
+                f"give at least {(2 * REACH + 8) * SAMPLES}"
+            )
+        alive = [i for i in range(len(known)) if np.ptp(values[:, i]) > 0.0]
+        if not alive:
+            raise InputError(f"{name}: every channel is constant; check the sensors or the columns' names")
+        silent = tuple(c for i, c in enumerate(known) if i not in alive)
+        known, values = [known[i] for i in alive], values[:, alive]
+        signals = tuple(_SIGNAL_OF[c] for c in known)
+        limits = np.array([
+            limit(values[:, i]) if s < Signal.CRANK_ANGLE else np.inf for i, s in enumerate(signals)
+        ])  # fmt: skip
+        sigma = np.array([noise_level(values[:, i], s, limits[i]) for i, s in enumerate(signals)])
+        cut = values[: segments * SAMPLES].reshape(segments, SAMPLES, len(known))
+        weights = filter_weights(chain, SAMPLES, REACH)
+        return Measured(
+            name, cut, cut.reshape(-1, len(known)), 0, tuple(known), signals, sigma, chain, weights, limits,
+            silent,
+        )  # fmt: skip
+
+    def part(self, first: int, last: int) -> "Measured":
+        """Segments ``first`` to ``last`` alone."""
+        return replace(self, values=self.values[first:last], first=self.first + first)
+
+    def without(self, channel: str) -> "Measured":
+        """The same recording as if a channel's noise were so large that it says nothing."""
+        sigma = self.sigma.copy()
+        sigma[self.channels.index(channel)] *= _DEAF
+        return replace(self, sigma=sigma)
+
+    def less(self, first: int, residual: np.ndarray, instrument: Instrument) -> "Measured":
+        """The same recording with a part of what faultless instruments would have recorded taken away.
+
+        Args:
+            first: segment where the part begins.
+            residual: (segments, samples, channels), of ``restored``'s values.
+            instrument: through which it was seen.
+        """
+        whole = np.zeros_like(self.recorded)
+        begin = (self.first + first) * SAMPLES
+        flat = residual.reshape(-1, residual.shape[2])
+        whole[begin : begin + len(flat)] = flat / self._pace(instrument)
+        seen = replace(instrument, bias={}, saturation={}, timebase=0.0)
+        recorded = self.recorded - seen.apply(whole, self.channels, self.chain.rate)
+        values = self.values.copy()
+        values[first : first + len(residual)] -= residual
+        return replace(self, values=values, recorded=recorded)
+
+    def _pace(self, instrument: Instrument) -> np.ndarray:
+        """(channels,) by which a wrong clock divides: rates and accelerations are counted in its seconds."""
+        pace: np.ndarray = (1.0 + instrument.timebase) ** np.array(
+            [_PACE.get(Signal(s), 2.0) for s in self.signals]
+        )
+        return pace
+
+    def restored(self, instrument: Instrument) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What faultless instruments would have recorded.
+
+        Returns:
+            (segments, samples, channels) values, (channels,) standard deviation of their noise, and
+            (segments, samples, channels) whether a value is known.
+        """
+        if instrument == NO_FAULT:
+            return self.values, self.sigma, np.ones(self.values.shape, dtype=bool)
+        whole, known = instrument.correct(self.recorded, self.channels, self.chain.rate)
+        free = replace(instrument, bias={}, saturation={})
+        quiet, _ = free.correct(_NOISE[:, : len(self.channels)], self.channels, self.chain.rate)
+        sigma = self.sigma * quiet.std(axis=0)
+        pace = self._pace(instrument)
+        part = slice(self.first * SAMPLES, self.first * SAMPLES + self.values[..., 0].size)
+        shape = self.values.shape
+        return (whole * pace)[part].reshape(shape), sigma * pace, known[part].reshape(shape)
+
+    def undone(self, instrument: Instrument) -> "Measured":
+        """The same recording as faultless instruments would have made it."""
+        values, sigma, _ = self.restored(instrument)
+        return replace(self, values=values, sigma=sigma)
+
+    @property
+    def clipped(self) -> np.ndarray:
+        """(segments, samples, channels) whether a value was recorded at its sensor's limit."""
+        part = slice(self.first * SAMPLES, self.first * SAMPLES + self.values[..., 0].size)
+        return (np.abs(self.recorded[part]) >= self.limits).reshape(self.values.shape)
+
+    @property
+    def begin(self) -> float:
+        """What the clock shows at its beginning [s]."""
+        return self.clock + self.first * self.segment
+
+    @property
+    def segment(self) -> float:
+        """Duration of a segment [s]."""
+        return SAMPLES / self.chain.rate
+
+    @property
+    def seconds(self) -> float:
+        """Duration of all segments [s]."""
+        return len(self.values) * self.segment
+
+    @property
+    def filtered(self) -> int:
+        """Number of channels that passed the filter: the first ones."""
+        return sum(s < Signal.CRANK_ANGLE for s in self.signals)
+
+
+def chain_of(recording: Recording, name: str) -> MeasurementChain:
+    """The chain that a recording declares, or the usual one ending at its rate.
+
+    Raises:
+        InputError: a declared chain that does not end at the recording's rate.
+    """
+    if recording.metadata.get("chain"):
+        chain = MeasurementChain(**declared_chain(recording.metadata["chain"]))
+        if abs(chain.rate / recording.rate - 1.0) > 1e-6:
+            raise InputError(
+                f"{name}: declares a chain that ends at {chain.rate:g} Hz, but has {recording.rate:g} Hz; "
+                "correct chain in the YAML beside it"
+            )
+        return chain
+    factor = max(1, round(1e5 / recording.rate))
+    return MeasurementChain(base_rate=recording.rate * factor, decimation=factor)
+
+
+def limit(values: np.ndarray) -> float:
+    """At which a channel stops [its unit]: the largest value, where it comes again and again; or infinity.
+
+    Noise enters before a converter clips, so that no value comes twice but its limit. Where values are
+    rounded to steps, however coarse, the largest one is rarer than the next ones unless it is the limit.
+    """
+    levels, counts = np.unique(np.abs(values), return_counts=True)
+    near = levels > _OUTER * levels[-1]
+    near[-_NEXT:] = True
+    stops = counts[-1] >= _REPEATED * counts[near][:-1].max(initial=1)
+    return float(levels[-1]) if stops else np.inf
+
+
+def noise_level(values: np.ndarray, signal: int, limit: float = np.inf) -> float:
+    """Noise of a channel [its unit], from where a signal that went through the filter has nothing to say.
+
+    The filter leaves 0.05 of the amplitude at 0.95 of the Nyquist frequency; noise added after it does not
+    fall. The quietest quarter of the recording is taken, since impacts reach even there. A sampled channel is
+    judged by its third differences, an encoder has at least the noise of its counts. Where a sensor is at its
+    limit it has none; one that is never long enough away from it says nothing.
+    """
+    if signal < Signal.CRANK_ANGLE:
+        window = np.hanning(_BLOCK)
+        step = _BLOCK if np.isinf(limit) else 1
+        frames = sliding_window_view(values, _BLOCK)[::step]
+        frames = frames[(np.abs(frames) < limit).all(axis=1)] * window
+        if len(frames) == 0:
+            return float(limit)
+        power = np.abs(np.fft.rfft(frames, axis=1)[:, -3:-1]) ** 2 / (window**2).sum()
+        # Lower quartile of the mean of two neighbouring bins, 0.42 of the expectation with this window.
+        estimate = np.sqrt(np.quantile(power.mean(axis=1), 0.25) / 0.42)
+    else:
+        estimate = np.median(np.abs(np.diff(values, 3))) / 0.6745 / np.sqrt(20.0)
+    if signal == Signal.CRANK_ANGLE:
+        estimate = max(estimate, 2.0 * np.pi / ENCODER_COUNTS / np.sqrt(12.0))
+    return float(max(estimate, 1e-6 * max(values.std(), 1e-6)))

@@ -1,0 +1,115 @@
+"""What an earlier run has finished is not made again, and is the same."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.following.finished import Finished, kept_in
+from clearance.diagnosis.hypotheses.demonstration import record
+from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.searching import search as searching
+from clearance.diagnosis.searching.location import locate_joint
+from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.searching.strategy import find_explanation
+from clearance.diagnosis.sensing.measured import Measured, chain_of
+from clearance.errors import InputError
+from clearance.mechanism.drive import SpeedControl
+from clearance.mechanism.slider_crank import SliderCrank
+
+SETTING, SPEEDS = Setting(SliderCrank(), "C"), (50.0, 150.0)
+
+
+@pytest.fixture(scope="module")
+def measured():
+    machine = replace(SETTING.with_clearance(2e-4), drive=SpeedControl(700.0, ramp=0.1), gravity=(0.0, -4.0))
+    recording = record(machine, 3)
+    return Measured.of(recording, chain_of(recording, "one"), "one").part(0, 260)
+
+
+def run(measured, folder, report=lambda _: None):
+    effects = load_effects(["gravity"], [])
+    search, explanation, _ = locate_joint([measured], [SETTING], effects, SPEEDS, 1, report, finished=folder)
+    find_explanation(search, explanation, 1, lambda _: None)
+    return search, explanation
+
+
+@pytest.fixture(scope="module")
+def first(measured, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("finished")
+    return folder, run(measured, folder)
+
+
+def never(*_, **__):
+    raise AssertionError("made again")
+
+
+def test_another_run_goes_on_from_what_was_finished(first, measured, monkeypatch):
+    folder, (_, before) = first
+    for name in ("profile", "refine", "grow"):
+        monkeypatch.setattr(searching, name, never)
+    for name in ("begin", "retrace", "grown"):
+        monkeypatch.setattr(Search, name, never)
+    _, after = run(measured, folder)
+    assert [a.label for a in after.attempts] == [a.label for a in before.attempts] != []
+    for one, other in zip([before.nominal, before.best], [after.nominal, after.best], strict=True):
+        np.testing.assert_array_equal(one.fit.values, other.fit.values)
+        assert one.misfit == pytest.approx(other.misfit, rel=1e-9)
+        np.testing.assert_allclose(one.fit.information, other.fit.information, rtol=1e-6)
+
+
+def test_a_damaged_file_is_made_again(first, measured):
+    folder, (_, before) = first
+    damaged = next(iter(next(folder.iterdir()).glob("*.npz")))
+    whole = damaged.read_bytes()
+    damaged.write_bytes(whole[: len(whole) // 2])
+    _, after = run(measured, folder)
+    np.testing.assert_array_equal(after.best.fit.values, before.best.fit.values)
+    assert len(damaged.read_bytes()) == len(whole)
+
+
+def test_other_recordings_settings_and_hypotheses_begin_anew(first, measured):
+    folder, (search, _) = first
+    known = (folder, search.recordings, search.alignments, search.setting, search.groups)
+    names = {kept_in(*known)}
+    names.add(kept_in(folder, [measured.part(0, 200)], *known[2:]))
+    names.add(kept_in(*known[:3], Setting(replace(SliderCrank(), gravity=(0.0, -1.0)), "C"), known[4]))
+    names.add(kept_in(*known[:4], {}))
+    assert len(names) == 4
+    assert kept_in(None, *known[1:]) is None
+
+
+@pytest.mark.slow
+def test_a_search_that_was_late_leaves_nothing_that_another_would_not_do(first, measured, tmp_path):
+    _, (_, whole) = first
+    search, _, _ = locate_joint(
+        [measured], [SETTING], load_effects(["gravity"], []), SPEEDS, 1, lambda _: None, 0.0, tmp_path
+    )
+    assert search.late()
+    kept = sorted(tmp_path.rglob("*.npz"))
+    search.finished.number("anything", lambda: 1.0)
+    assert sorted(tmp_path.rglob("*.npz")) == kept != []
+    _, after = run(measured, tmp_path)
+    np.testing.assert_array_equal(after.best.fit.values, whole.best.fit.values)
+
+
+def test_only_folders_of_its_own_are_cleared(tmp_path):
+    theirs = tmp_path / "measurements"
+    theirs.mkdir()
+    (theirs / "a.npz").write_text("mine")
+    mixed = tmp_path / f"{0:016x}"
+    mixed.mkdir()
+    (mixed / "notes.txt").write_text("mine")
+    for i in range(1, 40):
+        (tmp_path / f"{i:016x}").mkdir()
+    Finished(tmp_path / f"{99:016x}", [], print)
+    assert (theirs / "a.npz").exists()
+    assert (mixed / "notes.txt").exists()
+    assert len(list(tmp_path.iterdir())) < 35
+
+
+def test_a_folder_that_cannot_be_made_is_named(measured, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="change finished"):
+        run(measured, tmp_path / "file")

@@ -1,0 +1,144 @@
+"""What is said to be the smallest size that can be seen: fits find it, and do not find a third of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
+from clearance.diagnosis.judging.detectability import (
+    _on_its_path,
+    _standard_errors,
+    _with_faults,
+    detectability_map,
+    deviations,
+    differentiable,
+    faults_of_sensors,
+    seen,
+    smallest,
+)
+from clearance.diagnosis.judging.nominal_map import CLEARANCES, SPEEDS, nominal_map
+from clearance.diagnosis.sensing.instrument import Instrument
+from clearance.diagnosis.shooting.fit import fit
+from clearance.diagnosis.shooting.follow import Follower
+from clearance.mechanism.joint import Joint
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.recording.channels import ACCELERATIONS, SensorSet
+
+CLEARANCE, RPM = 3e-4, 700.0
+MACHINE = SliderCrank(joint_c=Joint(CLEARANCE))
+SETTING = Setting(MACHINE, "C")
+ALL = SensorSet("all", ACCELERATIONS)
+ROD = SensorSet("rod", ACCELERATIONS[4:8])
+
+
+def hypotheses(*names):
+    groups = gather(load_effects(list(names), []), MACHINE, "C", ())
+    return {h.name: h for h in differentiable(groups, MACHINE)}
+
+
+def test_a_size_is_seen_with_power_ninety_at_five_per_cent():
+    draws = np.random.default_rng(0).normal(smallest(np.array(2.0)), 2.0, 200000)
+    assert (np.abs(draws) > 1.959964 * 2.0).mean() == pytest.approx(0.9, abs=3e-3)
+
+
+def test_effects_without_a_derivative_are_left_out_and_sizes_beyond_the_bounds_too():
+    found = hypotheses("guide_friction", "rod_flexibility", "flexible_base", "rod_inertia")
+    assert set(found) == {"guide_friction", "rod_inertia"}
+    few = seen([found["guide_friction"]] * 3, [0.01, 1e9, np.inf])
+    assert few[0] == {"name": "guide_friction", "parameter": "coulomb_force", "unit": "N", "size": 0.0324}
+    assert [entry["size"] for entry in few[1:]] == [None, None]
+
+
+def test_noise_and_sensors_set_the_standard_error():
+    chosen = list(hypotheses("guide_friction", "torque_ripple").values())
+    one = deviations(SETTING, chosen, CLEARANCE, RPM, [ALL, ROD])
+    two = deviations(SETTING, chosen, CLEARANCE, RPM, [ALL], noise=0.02)
+    assert (one["all"] < one["rod"]).all()
+    friction, ripple = two["all"] / one["all"]
+    assert ripple == pytest.approx(2.0, rel=0.1)
+    assert 1.1 < friction < 1.9  # the unknown forces, which do not follow the noise, cover a part of it
+
+
+@pytest.mark.parametrize("joint", ["B", "C"])
+def test_the_stored_map_is_complete_and_knows_where_a_recording_lies(joint):
+    stored = nominal_map(joint, 3.1e-4, -690.0, (*ACCELERATIONS[2:8], "slider_horizontal"))
+    assert stored["here"] == {"clearance_m": 3.1e-4, "speed_rpm": 690.0, "sensors": "all", "effects": []}
+    assert nominal_map(joint, 3e-4, 700.0, ACCELERATIONS[4:8])["here"]["sensors"] == "rod"
+    assert nominal_map(joint, 3e-4, 700.0, ["slider_position"])["here"]["sensors"] is None
+    names = {effect["name"] for effect in stored["effects"]}
+    assert {"guide_friction", "rod_inertia", "joint_friction", "sensor_gain", "sensor_delay"} <= names
+    for effect in stored["effects"]:
+        for name in stored["sensor_sets"]:
+            assert np.shape(effect["size"][name]) == (len(CLEARANCES), len(SPEEDS))
+
+
+def test_the_stored_map_is_what_this_simulator_gives():
+    groups = gather(load_effects(["guide_friction", "joint_friction"], []), MACHINE, "C", ())
+    fresh = detectability_map(SETTING, groups, [CLEARANCE], [RPM], [ROD])
+    stored = {e["name"]: e for e in nominal_map("C", CLEARANCE, RPM, [])["effects"]}
+    place = CLEARANCES.index(CLEARANCE), SPEEDS.index(RPM)
+    for effect in fresh["effects"]:
+        kept = stored[effect["name"]]["size"]["rod"][place[0]][place[1]]
+        assert effect["size"]["rod"][0][0] == pytest.approx(kept, rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["sensor_gain", "sensor_delay"])
+def test_a_sensors_fault_of_that_size_is_estimated_three_errors_away_from_off(name):
+    fault = faults_of_sensors(load_effects([name], []))[0]
+    model, values = SETTING.model(), np.array([CLEARANCE, RPM])
+    machine = model.machine(values)
+    channel = ACCELERATIONS.index("slider_horizontal")
+    truth = _on_its_path(machine, 0.01)
+    steps = np.array([*(model.step(values, i) for i in range(2)), *[1.0] * len(ACCELERATIONS)])
+    clean = _with_faults(truth.look(machine, model.columns(values)[0]), truth.measured, [fault]).solve()
+    error = _standard_errors(clean.gram, steps, model)[channel]
+    scores = []
+    for seed in range(6):
+        values_with = Instrument().changed(
+            fault.free[0].path, fault.free[0].off + smallest(np.array(error)), "slider_horizontal"
+        )
+        measured = truth.measured
+        flat = values_with.apply(measured.values.reshape(-1, 10), ACCELERATIONS, measured.chain.rate)
+        noise = measured.sigma * np.random.default_rng(seed).normal(size=flat.shape)
+        noisy = replace(measured, values=(flat + noise).reshape(measured.values.shape))
+        follower = Follower(noisy, truth.integrator, truth.input_sigma.copy())
+        follower.path = truth.path.copy()
+        one = _with_faults(follower.look(machine, model.columns(values)[0]), truth.measured, [fault]).solve()
+        own = [0, 1, 2 + channel]
+        gram = one.gram / np.outer(np.append(steps, 1.0), np.append(steps, 1.0))
+        scores.append(np.linalg.solve(gram[np.ix_(own, own)], gram[own, -1])[-1] / error)
+    assert np.mean(scores) == pytest.approx(3.24, abs=1.2)  # three standard errors of a mean of six
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "sensors"), [("guide_friction", ALL), ("rod_inertia", ROD)])
+def test_fits_find_an_effect_of_that_size_and_not_a_third_of_it(name, sensors):
+    hypothesis = hypotheses(name)[name]
+    model = SETTING.model([hypothesis])
+    start = np.array([[CLEARANCE, *hypothesis.off, RPM]])
+    found = {}
+    for share in (1.0, 1.0 / 3.0):
+        values = hypothesis.off.copy()
+        seconds = 0.3
+        error = deviations(SETTING, [hypothesis], CLEARANCE, RPM, [sensors])[sensors.name][0]
+        values[0] += share * smallest(error) / np.sqrt(seconds)
+        truth = _on_its_path(hypothesis.apply(SETTING.model().machine(start[0, [0, -1]]), values), 0.01)
+        assert truth.measured.seconds == pytest.approx(seconds)
+        use = [ACCELERATIONS.index(channel) for channel in sensors.channels]
+        found[share] = 0
+        for seed in range(6):
+            noisy = truth.measured.values + truth.measured.sigma * np.random.default_rng(seed).normal(
+                size=truth.measured.values.shape
+            )
+            measured = replace(
+                truth.measured, values=noisy[..., use], channels=sensors.channels, signals=tuple(use),
+                sigma=truth.measured.sigma[use],
+            )  # fmt: skip
+            follower = Follower(measured, truth.integrator, truth.input_sigma.copy())
+            follower.path = truth.path.copy()
+            done = fit([follower], model, start, 6, 1e-5, 1)
+            found[share] += abs(done.values[0, 1] - hypothesis.off[0]) > 1.96 * done.deviations()[1]
+    assert found[1.0] >= 5  # of six
+    assert found[1.0 / 3.0] <= 2

@@ -1,0 +1,42 @@
+"""Innovations as numbers that can be written, whatever became of the run."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+
+from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.judging.mismatch import innovations, interval, root_mean_square
+from clearance.diagnosis.sensing.measured import SAMPLES
+from clearance.diagnosis.shooting.chart import Chart
+from clearance.diagnosis.shooting.follow import EDGE
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.simulation.layout import STATES
+
+SEGMENTS, CHANNELS = 60, ("rod_b_axial", "rod_c_axial")
+
+
+def attempt(values, spread):
+    """What ``innovations`` reads of an attempt on one recording."""
+    chain = SimpleNamespace(rate=1e4)
+    measured = SimpleNamespace(segment=1e-3, channels=CHANNELS, chain=chain)
+    follower = SimpleNamespace(path=SimpleNamespace(nodes=np.zeros((SEGMENTS, STATES))), measured=measured)
+    chart = Chart.of(Setting(SliderCrank(), "C").with_clearance(1e-4))
+    one = SimpleNamespace(
+        innovation=values, spread=spread, contacts=np.zeros((SEGMENTS, SAMPLES, 4)), chart=chart
+    )
+    fit = SimpleNamespace(passes=[one], values=np.array([[1e-4, 700.0]]))
+    return SimpleNamespace(followers=[follower], fit=fit, scale=1.0)
+
+
+def test_a_perfect_model_scores_one_and_a_run_that_ends_in_no_number_very_much():
+    shape = (SEGMENTS, SAMPLES, len(CHANNELS))
+    noise = np.random.default_rng(1).normal(size=shape)
+    (one,) = innovations(attempt(noise, np.ones(shape)), "C")
+    assert len(one.values) == (SEGMENTS - 2 * EDGE - 2) * SAMPLES
+    assert 0.9 < root_mean_square([one]) < 1.1
+    noise[SEGMENTS // 2 :] = np.nan
+    broken = innovations(attempt(noise, np.full(shape, np.nan)), "C")
+    numbers = [root_mean_square(broken), *interval(broken)]
+    assert min(numbers) > 1e5
+    json.dumps(numbers, allow_nan=False)

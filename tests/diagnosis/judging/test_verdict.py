@@ -1,0 +1,193 @@
+"""What is asserted, withdrawn and called equivalent, from attempts with known numbers."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.following.attempt import Attempt
+from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.hypotheses.missing_force import FREE_FORM, Curve, free_form
+from clearance.diagnosis.judging import verdict
+from clearance.diagnosis.judging.verdict import (
+    Estimate,
+    _root,
+    clearance_of,
+    equivalents,
+    free_form_of,
+    place_of,
+    sentences,
+    verdict_of,
+    withdraw,
+)
+from clearance.diagnosis.searching.explanation import Explanation, Rails
+from clearance.diagnosis.shooting.fit import Fit
+from clearance.diagnosis.shooting.model import Model, Unknown
+from clearance.mechanism.slider_crank import SliderCrank
+
+
+def attempt(names, misfit, kind="physics", off=0.0):
+    hypotheses = tuple(
+        SimpleNamespace(
+            name=n, kind=kind, unknowns=(SimpleNamespace(name="size"),), off=np.array([off]), effect=None
+        )
+        for n in names
+    )
+    passes = [SimpleNamespace(samples=10_000)]
+    return SimpleNamespace(
+        hypotheses=hypotheses, misfit=misfit, level=misfit, scale=1.0 if misfit < 2 else 10.0,
+        withdrawn=False,
+        fit=SimpleNamespace(passes=passes), model=SimpleNamespace(shared=1 + len(names)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("nominal", "others", "expected"),
+    [
+        (1.0, [], "none"),
+        (50.0, [], "unknown"),
+        (50.0, [attempt(["gravity"], 1.0)], "physics"),
+        (50.0, [attempt(["gravity"], 20.0)], "unknown"),
+        (50.0, [attempt(["gravity"], 1.0), attempt(["guide_friction"], 1.0005)], "ambiguous"),
+        (50.0, [attempt(["gravity"], 1.0), attempt([FREE_FORM], 1.0005)], "physics"),
+        (50.0, [attempt(["gravity"], 1.1), attempt([FREE_FORM], 1.0)], "unknown"),
+        (50.0, [attempt(["sensor_gain"], 1.0, "instrument")], "instrument"),
+    ],
+)
+def test_the_verdict_follows_from_what_explains(nominal, others, expected):
+    assert verdict_of(Explanation(attempt([], nominal), others)) == expected
+
+
+@pytest.mark.parametrize(("held_out", "expected"), [(1.3, "physics"), (1.4, "unknown"), (60.0, "unknown")])
+def test_what_does_not_explain_held_out_recordings_is_not_asserted(held_out, expected):
+    explanation = Explanation(attempt([], 50.0), [attempt(["gravity"], 1.0)])
+    assert verdict_of(explanation, attempt(["gravity"], held_out)) == expected
+
+
+@pytest.mark.parametrize(("left", "expected"), [(1.18, "unknown"), (1.02, "physics")])
+def test_what_leaves_most_of_something_small_is_not_asserted(left, expected):
+    small = [SimpleNamespace(gain=200.0)]
+    explanation = Explanation(attempt([], 1.19), [attempt(["rod_inertia"], left)], small)
+    assert verdict_of(explanation) == expected
+
+
+def test_an_explanation_that_only_adds_to_the_best_one_is_no_rival():
+    best, longer = attempt(["slider_spring"], 1.0), attempt(["torque_ripple", "slider_spring"], 1.0)
+    found = equivalents(Explanation(attempt([], 50.0), [best, longer]))
+    assert found == [best]
+
+
+@pytest.mark.parametrize(("misfit", "expected"), [(1.0, (3.0, 2.9, 3.1)), (4.0, (3.0, 1.9, 4.1))])
+def test_where_nothing_explains_the_clearance_spans_what_comes_near(misfit, expected, monkeypatch):
+    places = {"gravity": 3.0, "slider_spring": 2.0, "soft_drive": 4.0, "torque_ripple": 9.0, "": 9.5}
+    monkeypatch.setattr(verdict, "estimates", lambda a: [
+        Estimate(c, c - 0.1, c + 0.1) for c in [places["".join(h.name for h in a.hypotheses)]]
+    ])  # fmt: skip
+    near = [attempt(["slider_spring"], 1.5 * misfit), attempt(["soft_drive"], 1.9 * misfit)]
+    far = attempt(["torque_ripple"], 2.1 * misfit)
+    found = clearance_of(Explanation(attempt([], 50.0), [attempt(["gravity"], misfit), *near, far]))
+    assert (found.value, found.low, found.high) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("misfit", "followed"), [(1.0, True), (40.0, False)])
+def test_rails_that_the_motion_shows_count_where_nothing_is_followed(misfit, followed, monkeypatch):
+    monkeypatch.setattr(verdict, "estimates", lambda _: [Estimate(5e-4, 4.9e-4, 5.1e-4)])
+    best = attempt(["gravity"], misfit)
+    best.hypotheses[0].body, best.hypotheses[0].direction = "rod", "x"
+    explanation = Explanation(attempt([], 50.0), [best], rails=Rails(7e-5, 1e-4))
+    found = clearance_of(explanation)
+    assert place_of(explanation) == (("rod", "x") if followed else ("slider", "y"))
+    expected = (5e-4, 4.9e-4, 5.1e-4) if followed else (1e-4, 0.85e-4, 1.15e-4)
+    assert (found.value, found.low, found.high) == pytest.approx(expected)
+
+
+def test_rails_that_the_motion_shows_are_told_and_not_asserted():
+    nominal = attempt([], 50.0)
+    nominal.fit.values = np.array([[5e-4, 700.0]])
+    explanation = Explanation(nominal, rails=Rails(7e-5, 1e-4))
+    fit = {"held_out": {"before": 9.0, "after": 9.0}}
+    told = sentences("unknown", explanation, "C", fit, ["slider_vertical"])
+    assert "acts on the slider (y)" in told[1]
+    assert "70 µm" in told[2]
+    assert "0.100 mm" in told[2]
+    assert "not asserted" in told[2]
+
+
+def test_an_effect_that_may_as_well_be_off_is_withdrawn(monkeypatch):
+    doubtful = attempt(["gravity"], 0.99)
+    monkeypatch.setattr(
+        verdict, "estimates", lambda _: [Estimate(3e-4, 3e-4, 3e-4), Estimate(0.1, -0.1, 0.3)]
+    )
+    explanation = Explanation(attempt([], 1.0), [doubtful])
+    doubtful.misfit = doubtful.level = 0.9
+    assert explanation.best is doubtful
+    withdraw(explanation)
+    assert doubtful.withdrawn
+    assert verdict_of(explanation) == "none"
+
+
+def test_an_effect_whose_interval_excludes_off_stays(monkeypatch):
+    sure = attempt(["gravity"], 0.9)
+    monkeypatch.setattr(verdict, "estimates", lambda _: [Estimate(3e-4, 3e-4, 3e-4), Estimate(0.2, 0.1, 0.3)])
+    explanation = Explanation(attempt([], 1.0), [sure])
+    withdraw(explanation)
+    assert explanation.best is sure
+
+
+def test_a_table_of_which_each_knot_may_be_off_is_not_withdrawn(monkeypatch):
+    table = attempt(["free_form"], 1.0)
+    monkeypatch.setattr(
+        verdict, "estimates", lambda _: [Estimate(3e-4, 3e-4, 3e-4), Estimate(5.0, -9e3, 9e3)]
+    )
+    explanation = Explanation(attempt([], 50.0), [table])
+    withdraw(explanation)
+    assert explanation.best is table
+
+
+WAVE = np.array([1.0, 0.0, -1.0, 0.0])
+
+
+def torque_table(between):
+    """What is said of a torque of unknown level, each difference known to 0.1 sqrt(0.75)."""
+    angle = 0.5 * np.pi * np.arange(4)
+    curve = Curve("crank", "torque", "crank_angle", angle, WAVE, WAVE, 0.0, 0.0, between)
+    hypothesis = free_form(curve, "C")
+    unknowns = (Unknown("clearance", 1.0), *hypothesis.unknowns, Unknown("speed", 1.0, own=True))
+    contrasts = np.eye(4) - 0.25  # the recordings tell differences alone
+    information = np.zeros((6, 6))
+    information[0, 0] = information[5, 5] = 1.0
+    information[1:5, 1:5] = 100.0 * contrasts
+    values = np.array([[3e-4, *(WAVE - 700.0), 700.0]])
+    one = SimpleNamespace(parts=np.zeros((5, 6)))
+    fit = Fit(Model(unknowns, lambda _: None), values, 0.0, [one], information)
+    attempt = Attempt((hypothesis,), fit.model, fit, 1.0, 1.0, [])
+    return free_form_of(attempt, Setting(SliderCrank(), "C"))
+
+
+def test_of_a_torque_without_a_name_only_what_varies_is_given():
+    found = torque_table("linear")
+    np.testing.assert_allclose([force for _, force in found["table"]], WAVE, atol=1e-9)
+    np.testing.assert_allclose(np.array(found["high"]) - WAVE, 1.96 * 0.1 * np.sqrt(0.75), rtol=1e-3)
+
+
+def test_a_spline_is_given_so_closely_that_lines_join_its_points():
+    found = torque_table("cubic")
+    angle, force = np.array(found["table"]).T
+    np.testing.assert_allclose(angle, np.pi / 8.0 * np.arange(16))
+    np.testing.assert_allclose(force, np.cos(angle), atol=0.02)
+    band = np.array(found["high"]) - force
+    np.testing.assert_allclose(band[::4], 1.96 * 0.1 * np.sqrt(0.75), rtol=1e-3)
+    assert (band > 0.0).all()
+
+
+def test_what_derivatives_leave_of_an_unseen_direction_is_no_knowledge():
+    unit = np.array([1e6, 1.0, 1e-3])
+    seen = np.array([[2.0, 1.0, 0.1], [1.0, 3.0, 0.2], [0.1, 0.2, 1.0]])
+    information = seen * np.outer(unit, unit)
+    root = _root(information)
+    np.testing.assert_allclose(root @ root.T, np.linalg.inv(information), rtol=1e-9)
+    # the second parameter does what the first does, but for rounding of the derivatives
+    twins = np.array([[1.0, 1.0, 0.1], [1.0, 1.0 + 1e-9, 0.1], [0.1, 0.1, 1.0]]) * np.outer(unit, unit)
+    deviation = np.linalg.norm(_root(twins), axis=1) * unit
+    assert (deviation[:2] > 1e6).all()
+    assert deviation[2] == pytest.approx(1.0, rel=0.02)

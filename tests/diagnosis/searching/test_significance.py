@@ -1,0 +1,21 @@
+"""p-values: a Monte Carlo test against machines with nothing missing."""
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.searching import significance
+from clearance.diagnosis.searching.significance import null_scores, p_value
+
+
+def test_the_share_of_nulls_that_score_as_high(monkeypatch):
+    monkeypatch.setattr(significance, "null_scores", lambda: np.array([1.0, 2.0, 3.0, 4.0]))
+    assert p_value(3.0) == pytest.approx(3 / 5)
+    assert p_value(0.5) == 1.0
+    assert p_value(1e9) == pytest.approx(1 / 5), "no smaller than the simulation supports"
+
+
+def test_the_scores_were_measured():
+    scores = null_scores()
+    assert len(scores) >= 100
+    assert np.all(np.diff(scores) >= 0.0)
+    assert 1.0 < np.median(scores) < 60.0
