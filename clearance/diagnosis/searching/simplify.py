@@ -4,13 +4,20 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, explained
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, same
-from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.explanation import Explanation, penalised
 from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.searching.significance import margin
 
 
 def prune(search: Search, explanation: Explanation) -> None:
-    """Take effects away from the best attempt as long as it explains as much without them."""
-    while len(explanation.best.hypotheses) > 1:
+    """Take effects away from the best attempt as long as it explains as much without them.
+
+    The last one, too, where the nominal machine explains: on the path that was found with an effect it may
+    do as well as with it, when what looked torn beside it was a path in another minimum. Nothing is
+    asserted that is not clearly better than it.
+    """
+    fewest = 0 if explained(explanation.nominal) else 1
+    while len(explanation.best.hypotheses) > fewest:
         best = explanation.best
         for left_out in range(len(best.hypotheses)):
             held = [h for i, h in enumerate(best.hypotheses) if i != left_out]
@@ -21,17 +28,23 @@ def prune(search: Search, explanation: Explanation) -> None:
                 keep += [] if i == left_out else range(place, place + count)
                 place += count
             values = best.fit.values[:, [*keep, place]]
-            if best.hypotheses[left_out].structural(search.setting.with_clearance(3e-4)):
-                # a path with other coordinates is no beginning
+            if not best.hypotheses[left_out].structural(search.setting.with_clearance(3e-4)):
+                scale = ANNEALING[2] if held else best.scale  # more would lead back to the path that it had
+                search.refit(explanation, held, best.followers, values, scale)
+            elif held:  # a path with other coordinates is no beginning
                 search.keep(
                     explanation,
                     held,
                     lambda h=held, v=values: search.grown(h, v),  # type: ignore[misc]
                 )
-            else:
-                search.refit(explanation, held, best.followers, values, ANNEALING[2])
         if explanation.best is best:
             break
+    bare = [attempt for attempt in explanation.attempts if not attempt.hypotheses]
+    explanation.nominal = min([explanation.nominal, *bare], key=penalised)
+    explanation.attempts = [attempt for attempt in explanation.attempts if attempt.hypotheses]
+    if explained(explanation.nominal):
+        for attempt in explanation.attempts:
+            attempt.withdrawn |= penalised(attempt) + margin(attempt) > penalised(explanation.nominal)
 
 
 def enlarge(search: Search, explanation: Explanation) -> None:
