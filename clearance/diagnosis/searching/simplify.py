@@ -6,7 +6,7 @@ from clearance.diagnosis.following.attempt import ANNEALING, explained
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, same
 from clearance.diagnosis.searching.explanation import Explanation, penalised
 from clearance.diagnosis.searching.search import Search
-from clearance.diagnosis.searching.significance import margin
+from clearance.diagnosis.searching.significance import SURE
 
 
 def prune(search: Search, explanation: Explanation) -> None:
@@ -44,7 +44,7 @@ def prune(search: Search, explanation: Explanation) -> None:
     explanation.attempts = [attempt for attempt in explanation.attempts if attempt.hypotheses]
     if explained(explanation.nominal):
         for attempt in explanation.attempts:
-            attempt.withdrawn |= penalised(attempt) + margin(attempt) > penalised(explanation.nominal)
+            attempt.withdrawn |= penalised(attempt) + SURE > penalised(explanation.nominal)
 
 
 def enlarge(search: Search, explanation: Explanation) -> None:
