@@ -19,7 +19,6 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.event_file_writer import EventFileWriter
 
 from clearance.commands import command, threads
-from clearance.diagnosis.hypotheses.demonstration import demonstration
 from clearance.diagnosis.hypotheses.effect import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.outcome import Outcome, diagnose
@@ -28,6 +27,7 @@ from clearance.diagnosis.motion.recordings import only_motion, tracks_of, uncert
 from clearance.diagnosis.motion.search import Findings
 from clearance.diagnosis.report import write_report
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.sensing.demonstration import CLEARANCE, demonstration
 from clearance.diagnosis.sensing.measured import Measured, chain_of
 from clearance.errors import InputError
 from clearance.mechanism.description import write_mechanism
@@ -98,7 +98,8 @@ def main(cfg: DictConfig) -> None:
         channels = tuple(instantiate(cfg.sensors, _convert_="all").channels)
         if not recordings:
             log.info("no recordings given: a demonstration on a simulated machine with friction on its guide")
-        fitted, judged = _load(recordings or demonstration(settings[0]), held_out, channels)
+        recordings = recordings or demonstration(settings[0].with_clearance(CLEARANCE))
+        fitted, judged = _load(recordings, held_out, channels)
         outcome = diagnose(
             fitted, judged, settings, effects, (low, high), workers, most, log.info, keep,
             limit, finished,

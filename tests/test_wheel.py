@@ -20,9 +20,10 @@ def wheel(tmp_path_factory):
     return next(folder.glob("clearance-*.whl"))
 
 
-def test_the_wheel_holds_every_module_and_every_configuration_file(wheel):
+def test_the_wheel_holds_every_file_of_the_package_and_of_the_configuration(wheel):
     inside = set(zipfile.ZipFile(wheel).namelist())
-    modules = {str(path.relative_to(ROOT)) for path in (ROOT / "clearance").rglob("*.py")}
+    own = [path for path in (ROOT / "clearance").rglob("*.*") if path.suffix not in (".pyc", ".nbi", ".nbc")]
+    modules = {str(path.relative_to(ROOT)) for path in own if path.is_file()}
     files = {f"clearance/{path.relative_to(ROOT)}" for path in (ROOT / "conf").rglob("*.yaml")}
     assert modules | files <= inside
     assert not [name for name in inside if name.startswith(("tests", "outputs", "conf"))]

@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 
 from clearance.diagnose import _files, _load
-from clearance.diagnosis.hypotheses.demonstration import CLEARANCE, FRICTION, SPEED, record
 from clearance.diagnosis.hypotheses.effect import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.outcome import diagnose
+from clearance.diagnosis.sensing.demonstration import CLEARANCE, FRICTION, SPEED, record
 from clearance.diagnosis.sensing.measured import Measured, chain_of
 from clearance.errors import InputError
 from clearance.mechanism.drive import SpeedControl

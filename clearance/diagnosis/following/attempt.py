@@ -28,7 +28,6 @@ _CHANCE = 2.0  # standard deviations of a segment's cost: more is torn beside a 
 _LOST = 2.0  # cost a sample of a segment that is then looked for
 _WORTH = 5e-3  # share by which the cost falls where another look is worth the time
 _LARGE = 12  # unknowns from which on their last digits are not worth the time
-_NOTHING = np.zeros((1, 0))
 
 
 @dataclass
@@ -42,7 +41,8 @@ class Attempt:
         scale: of the noise at which it follows.
         level: robust cost a sample at that scale.
         followers: with the paths of the fit.
-        withdrawn: whether it must not be asserted: one of its effects may as well be off.
+        withdrawn: whether it must not be asserted: one of its effects may as well be off, the nominal machine
+            does as well, or it is a table in the place of a name that does.
         reach: (shared, 2) how far below and above its values the likelihood does not fall, once it was asked.
     """
 

@@ -20,8 +20,9 @@ import numpy as np
 import clearance
 from clearance.diagnosis.following.attempt import COARSE, FINE, Attempt
 from clearance.diagnosis.following.growth import Followed, Start
-from clearance.diagnosis.following.trace import Alignment, Profile, Trace
+from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.kinematics.agreement import Alignment, Profile
 from clearance.diagnosis.kinematics.reconstruction import Reconstruction
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.diagnosis.shooting import follow
@@ -34,7 +35,11 @@ from clearance.whole_files import write_atomically
 
 _KEPT = 30  # diagnoses whose fits stay in a folder, of about a MiB each
 _NAME = re.compile("[0-9a-f]{16}")  # of a diagnosis' folder
-_PROGRAM = ("diagnosis", "mechanism", "recording", "simulation")  # packages that a fit depends on
+_PROGRAM = (  # what a fit depends on
+    *(f"{package}/**/*.py" for package in ("diagnosis", "mechanism", "recording", "simulation")),
+    "lanes.py",
+    "compilation.py",
+)
 Found = TypeVar("Found")
 Arrays = Mapping[str, np.ndarray]
 
@@ -230,7 +235,7 @@ def kept_in(
 def _program() -> str:
     """SHA-256 of the source that fits depend on."""
     content, package = hashlib.sha256(), Path(clearance.__file__).parent
-    for path in sorted(p for name in _PROGRAM for p in (package / name).rglob("*.py")):
+    for path in sorted(p for pattern in _PROGRAM for p in package.glob(pattern)):
         content.update(path.read_bytes())
     return content.hexdigest()
 

@@ -1,141 +1,24 @@
-"""Where every recording's machine was, before any hypothesis: speed, angle, clearance and path."""
+"""Where every recording's machine was, before any hypothesis: its path, from which a follower begins."""
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
 from clearance.diagnosis.following.attempt import COARSE
-from clearance.diagnosis.kinematics.alignment import align
+from clearance.diagnosis.kinematics.agreement import Alignment, loose
 from clearance.diagnosis.kinematics.reconstruction import Reconstruction, reconstruct
 from clearance.diagnosis.sensing.instrument import Instrument
-from clearance.diagnosis.sensing.measured import NO_FAULT, SAMPLES, Measured
+from clearance.diagnosis.sensing.measured import NO_FAULT, Measured
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.errors import InputError
 from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.layout import State
 
-CLEARANCES = np.geomspace(1e-5, 1.3e-3, 20)
-"""Clearances [m] that are compared first."""
-
-COMPARED = 130
-"""Segments of each recording that tell the clearance."""
-_CLOSER = 6  # further clearances around the best one
 _REVOLUTIONS = 1.35  # that are followed of each recording
 _SHORTEST = 60  # segments that are followed at least
 _DRIVE = 5.0  # times as loose is the torque: a drive may be wrong by much
 _SKIPPED = 3  # segments at the beginning, which the smoother knows from one side only
-
-
-@dataclass(frozen=True)
-class Alignment:
-    """Speed [rad/s], angle at the first sample [rad], share of the variance explained."""
-
-    speed: float
-    angle: float
-    explained: float
-
-
-@dataclass(frozen=True)
-class Profile:
-    """How well the motion agrees with each clearance [m]."""
-
-    clearance: np.ndarray
-    misfit: np.ndarray
-
-    @property
-    def best(self) -> float:
-        """The clearance at the least misfit, between the grid's points [m]."""
-        i = int(np.argmin(self.misfit))
-        if not 0 < i < len(self.misfit) - 1:
-            return float(self.clearance[i])
-        part = slice(i - 1, i + 2)
-        if not np.isfinite(self.misfit[part]).all():
-            return float(self.clearance[i])
-        place = np.log(self.clearance[part])
-        a, b, _ = np.polyfit(place - place[1], self.misfit[part], 2)
-        return float(np.exp(place[1] + np.clip(-0.5 * b / a, place[0] - place[1], place[2] - place[1])))
-
-
-def profile(
-    recordings: Sequence[Measured],
-    alignments: Sequence[Alignment],
-    machine: Callable[[float], SliderCrank],
-    workers: int,
-) -> Profile:
-    """How well the motion of all recordings agrees with each clearance.
-
-    Args:
-        recordings: of one machine.
-        alignments: theirs.
-        machine: with a clearance [m].
-        workers: threads.
-
-    Raises:
-        LinAlgError: links that reach at no clearance.
-    """
-
-    def misfit(clearances: np.ndarray, segments: int) -> np.ndarray:
-        return agreement(recordings, alignments, [machine(c) for c in clearances], segments, workers)
-
-    coarse = misfit(CLEARANCES, COMPARED // 2)
-    if not np.isfinite(coarse).any():
-        raise np.linalg.LinAlgError("the links reach at no clearance")
-    best = int(np.argmin(coarse))
-    low, high = CLEARANCES[max(best - 1, 0)], CLEARANCES[min(best + 1, len(CLEARANCES) - 1)]
-    fine = np.geomspace(low, high, _CLOSER + 2)
-    closer = misfit(fine, COMPARED)
-    # the coarse ones saw less of the recordings: they are set level with the others where both were taken
-    apart = closer[[0, -1]] - coarse[[max(best - 1, 0), min(best + 1, len(coarse) - 1)]]
-    level = apart[np.isfinite(apart)].mean() if np.isfinite(apart).any() else 0.0
-    far = (low > CLEARANCES) | (high < CLEARANCES)
-    clearances = np.concatenate([CLEARANCES[far], fine])
-    order = np.argsort(clearances)
-    return Profile(clearances[order], np.concatenate([coarse[far] + level, closer])[order])
-
-
-def agreement(
-    recordings: Sequence[Measured],
-    alignments: Sequence[Alignment],
-    machines: Sequence[SliderCrank],
-    segments: int,
-    workers: int,
-) -> np.ndarray:
-    """(machines,) how badly the motion of all recordings agrees with each machine's geometry.
-
-    Infinite where the links do not reach.
-
-    Args:
-        recordings: of one machine.
-        alignments: theirs.
-        machines: to compare.
-        segments: of each recording that are looked at.
-        workers: threads.
-    """
-
-    def one(job: tuple[SliderCrank, int]) -> float:
-        made, r = job
-        known = alignments[r]
-        samples = segments * SAMPLES
-        parameters, joints = made.parameters(), loose(made)
-        try:
-            with np.errstate(invalid="ignore"):
-                return reconstruct(
-                    recordings[r], parameters, joints, known.speed, known.angle, samples
-                ).misfit
-        except np.linalg.LinAlgError:  # the links do not reach
-            return np.inf
-
-    jobs = [(made, r) for made in machines for r in range(len(recordings))]
-    with ThreadPoolExecutor(workers) as pool:
-        return np.array(list(pool.map(one, jobs))).reshape(len(machines), -1).mean(axis=1)
-
-
-def loose(machine: SliderCrank) -> tuple[str, ...]:
-    """Joints with clearance."""
-    return tuple(j for j, joint in (("B", machine.joint_b), ("C", machine.joint_c)) if joint.loose)
 
 
 @dataclass(frozen=True)
@@ -213,9 +96,3 @@ def check_length(measured: Measured) -> None:
             f"{3 * needed * measured.segment:.1f} s or more, of which a third is held out, or name "
             "held_out recordings"
         )
-
-
-def aligned(measured: Measured, machine: SliderCrank, speed_range: tuple[float, float]) -> Alignment:
-    """Speed and angle of a recording, as if its joints were ideal."""
-    flat = measured.values.reshape(-1, len(measured.signals))
-    return Alignment(*align(machine, flat, measured.signals, measured.chain.rate, speed_range))

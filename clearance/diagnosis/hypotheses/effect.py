@@ -20,7 +20,7 @@ from yaml import YAMLError
 from clearance.configuration import CONFIGURATION
 from clearance.diagnosis.sensing.instrument import FAULTY_CHANNELS, Instrument
 from clearance.errors import InputError
-from clearance.mechanism.description import difference, read_path, with_laws, with_values
+from clearance.mechanism.description import read_path, with_laws, with_values
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.bounds import listing, resembling
 from clearance.recording.channels import require_channel
@@ -282,33 +282,17 @@ def corrected_machine(
     return machine
 
 
-def corrected_patch(
-    machine: SliderCrank, joint: str, effects: Sequence[tuple[Effect, Mapping[str, float]]]
-) -> dict[str, Any]:
-    """What several effects change in the mechanism's configuration, nested."""
-    return difference(machine, corrected_machine(machine, joint, effects))
-
-
-def load_effects(
-    names: str | Sequence[str] = "all",
-    without: Sequence[str] = (),
-    kind: str | None = None,
-    folder: Path = CONFIGURATION / "effect",
-) -> tuple[Effect, ...]:
+def load_effects(names: str | Sequence[str] = "all", without: Sequence[str] = ()) -> tuple[Effect, ...]:
     """The effects that a diagnosis tries.
 
     Args:
         names: ``all``, ``physics``, ``instrument``, one effect's name or several.
         without: names that are left out.
-        kind: only physics, or only instrument.
-        folder: one YAML file an effect.
 
     Raises:
-        InputError: a name or kind that does not exist, or a file that describes no effect.
+        InputError: a name that does not exist, or a file that describes no effect.
     """
-    every = _all_effects(folder)
-    if kind is not None and kind not in KINDS:
-        raise InputError(f"kind = {kind!r} is not one of {', '.join(KINDS)}")
+    every = _all_effects()
     if isinstance(names, str):
         names = list(every) if names == "all" else [names]
     wanted: dict[str, Effect] = {}
@@ -319,7 +303,7 @@ def load_effects(
             wanted[name] = every[_known(name, every, "hypotheses", (*KINDS, "all"))]
     for name in without:
         wanted.pop(_known(name, every, "without"), None)
-    return tuple(effect for effect in wanted.values() if kind in (None, effect.kind))
+    return tuple(wanted.values())
 
 
 def _known(name: str, every: Mapping[str, Effect], key: str, more: Sequence[str] = ()) -> str:
@@ -333,8 +317,8 @@ def _known(name: str, every: Mapping[str, Effect], key: str, more: Sequence[str]
 
 
 @cache
-def _all_effects(folder: Path) -> dict[str, Effect]:
-    effects = [read_effect(path) for path in sorted(folder.glob("*.yaml"))]
+def _all_effects() -> dict[str, Effect]:
+    effects = [read_effect(path) for path in sorted((CONFIGURATION / "effect").glob("*.yaml"))]
     return {effect.name: effect for effect in effects}
 
 

@@ -1,10 +1,9 @@
-"""What the unknown forces look like: as a time series, against every hypothesis, and as a curve of free form.
+"""What the unknown forces look like: as a time series, and as a curve of free form.
 
 Beside a fitted model, unknown forces on crank, rod and slider kept the simulator on the recording. Whatever
-acts there in truth shows in them, segment by segment. A hypothesis is a pattern over the segments: the forces
-on crank, rod and slider that would do the same. Regressing one on the other is a robust second witness
-beside ``screening``: a few segments with a badly understood impact hardly count. The same regression on a
-table of one argument gives the force of free form.
+acts there in truth shows in them, segment by segment. A force on one body is a pattern over the segments: the
+forces on crank, rod and slider that would do the same. Regressing these on the patterns of a table of one
+argument gives the force of free form; a few segments with a badly understood impact hardly count.
 
 References: Huber 1964, Ann. Math. Stat. 35(1), 73-101 (robust regression); Schwarz 1978, Ann. Stat. 6(2)
 (price of a parameter); de Boor 1978, A Practical Guide to Splines (tables).
@@ -129,9 +128,7 @@ class Regression:
     gain: float
 
 
-def regress(
-    seen: Seen, pattern: np.ndarray, low: np.ndarray | None = None, high: np.ndarray | None = None
-) -> Regression:
+def regress(seen: Seen, pattern: np.ndarray) -> Regression:
     """Fit (segments, inputs, columns) patterns to the forces by iterated reweighting."""
     target = seen.forces.ravel()
     matrix = pattern.reshape(len(target), -1)
@@ -143,8 +140,6 @@ def regress(
     for _ in range(_ITERATIONS):
         normal = (matrix * weight[:, None]).T @ matrix + 1e-9 * np.eye(len(x))
         x = np.linalg.solve(normal, matrix.T @ (weight * target))
-        if low is not None and high is not None:
-            x = np.clip(x, low * size, high * size)
         weight = _weight(target - matrix @ x)
     left = target - matrix @ x
     gain = float(_cost(target).sum() - _cost(left).sum()) / _CORRELATED

@@ -13,8 +13,11 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.searching.screening import screen
+from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.instrument import sensitivity as derivative
 from clearance.diagnosis.sensing.measured import REACH, SAMPLES, Measured, filter_weights
@@ -60,6 +63,33 @@ def seen(hypotheses: Sequence[Hypothesis], deviations: Sequence[float]) -> list[
         size = _size(deviation, unknown.high - unknown.low)
         found.append({"name": hypothesis.name, "parameter": unknown.name, "unit": unit, "size": size})
     return found
+
+
+def seen_beside(search: Search, attempt: Attempt) -> list[dict[str, Any]]:
+    """The smallest sizes of further physical effects that the fitted recordings would have shown.
+
+    By the linear look beside an attempt that explains, its states, parameters and speeds unknown; nothing
+    where it does not explain. What is off at infinity or adds coordinates is not listed.
+
+    Args:
+        search: with its hypotheses.
+        attempt: beside which they are looked at.
+
+    Returns:
+        As ``seen``, by name.
+    """
+    if not explained(attempt):
+        return []
+    hints = screen(attempt, search.others(attempt), search.workers).singles
+    one = [
+        (hint.hypotheses[0], hint.deviation)
+        for hint in hints
+        if hint.hypotheses[0].kind == "physics"
+        and np.isfinite(hint.hypotheses[0].off[0])
+        and not hint.hypotheses[0].shapes[0]
+    ]
+    one.sort(key=lambda pair: pair[0].label)
+    return seen(*zip(*one, strict=True)) if one else []
 
 
 def _size(deviation: float, span: float) -> float | None:

@@ -30,6 +30,7 @@ def gather_evidence(
     before: Attempt,
     after: Attempt,
     errors: Sequence[Innovations],
+    here: Sequence[dict[str, Any]],
 ) -> dict[str, Any]:
     """Everything that the report draws beside the diagnosis.
 
@@ -40,6 +41,7 @@ def gather_evidence(
         before: the nominal machine beside them.
         after: the best machine beside them.
         errors: of the nominal machine beside the recordings that were fitted.
+        here: the smallest sizes of effects that these would have shown.
     """
     best, nominal, setting = explanation.best, explanation.nominal, search.setting
     body = best.hypotheses[0].body if best.hypotheses else ""
@@ -62,7 +64,7 @@ def gather_evidence(
         "missing_force": sorted(_missing_force(search, along), key=lambda one: one["body"] != body),
         "signatures": _signatures(held_out, before, after, nominal, best, search.workers),
         "detectability": nominal_map(
-            setting.joint, float(clearance), float(speed), search.recordings[0].channels
+            setting.joint, float(clearance), float(speed), search.recordings[0].channels, here
         ),
         **({"free_form": curve} if curve else {}),
         "mechanism": {
@@ -136,7 +138,12 @@ def _ranking(explanation: Explanation) -> list[dict[str, Any]]:
                 "p_value": p_value(fall),
                 "parameters": {k: v for e in effects for k, v in e["parameters"].items()},
                 "asserted": attempt is explanation.best and explained(attempt),
-                "note": f"misfit {attempt.misfit:.3g} (1 is perfect)",
+                "note": f"misfit {attempt.misfit:.3g} (1 is perfect)"
+                + (
+                    "; withdrawn: may as well be off, or a simpler one does as well"
+                    if attempt.withdrawn
+                    else ""
+                ),
             }
         )
     for hint in explanation.hints[:_HINTS]:

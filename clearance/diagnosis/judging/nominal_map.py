@@ -41,7 +41,7 @@ def write_nominal_map(path: Path | None = None) -> None:
 
 
 def nominal_map(
-    joint: str, clearance: float, speed: float, channels: Sequence[str], here: Sequence[dict[str, Any]] = ()
+    joint: str, clearance: float, speed: float, channels: Sequence[str], here: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
     """The stored map with the place of a recording on it, for the report.
 
@@ -50,7 +50,7 @@ def nominal_map(
         clearance: of the recording [m].
         speed: of the recording, either sense [rpm].
         channels: of the recording.
-        here: what the fit of the recording itself could have shown, see ``detectability.seen``.
+        here: what the fit of the recording itself could have shown, see ``detectability.seen_beside``.
     """
     stored = json.loads(resources.files(__package__).joinpath(_STORED).read_text(encoding="utf-8"))[joint]
     known = {name: len(own) for name, own in stored["sensor_sets"].items() if _has(channels, own)}

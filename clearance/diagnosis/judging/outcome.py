@@ -11,9 +11,10 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained, refine
 from clearance.diagnosis.following.onward import go_on
-from clearance.diagnosis.following.trace import Trace, aligned, check_length
+from clearance.diagnosis.following.trace import Trace, check_length
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.judging.detectability import seen_beside
 from clearance.diagnosis.judging.evidence import gather_evidence
 from clearance.diagnosis.judging.likelihood import ask_likelihood
 from clearance.diagnosis.judging.mismatch import Innovations, innovations, interval, root_mean_square, summary
@@ -29,6 +30,7 @@ from clearance.diagnosis.judging.verdict import (
     verdict_of,
     withdraw,
 )
+from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.searching.balance import find_clock
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
@@ -128,6 +130,7 @@ def diagnose(
     body, direction = place_of(explanation)
     clearance, others = clearance_of(explanation), equivalents(explanation)
     named = effects_of(best, probabilities(explanation)) if verdict not in ("none", "unknown") else []
+    here = seen_beside(search, best)
     score = explanation.hints[0].gain if explanation.hints else None
     diagnosis: dict[str, Any] = {
         "verdict": verdict,
@@ -144,6 +147,7 @@ def diagnose(
         "equivalent": [[h.name for h in a.hypotheses] for a in others] if len(others) > 1 else [],
         "next_experiment": _next_experiment(others, recordings),
         "free_form": free_form_of(best, setting),
+        "smallest_seen": here,
         "fit": fit,
         "clearance": {
             "joint": joint, "misfit_by_joint": joints, "before_m": float(nominal.fit.values[0, 0]),
@@ -173,7 +177,7 @@ def diagnose(
         "seconds": round(time.monotonic() - started, 1),
     }  # fmt: skip
     search.report(f"verdict: {verdict}; gathering what the report shows")
-    evidence = gather_evidence(search, explanation, held_out, before_attempt, after, errors_fit)
+    evidence = gather_evidence(search, explanation, held_out, before_attempt, after, errors_fit, here)
     model = setting.model(best.hypotheses)
     return Outcome(diagnosis, evidence, model.machine(best.fit.values[0]), explanation)
 

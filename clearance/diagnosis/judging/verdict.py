@@ -10,7 +10,7 @@ from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.hypotheses.missing_force import FREE_FORM, unnamed
 from clearance.diagnosis.searching.explanation import Explanation, penalised
-from clearance.diagnosis.searching.significance import margin, suspicious, unsettled
+from clearance.diagnosis.searching.significance import beats, margin, suspicious, unsettled
 from clearance.diagnosis.shooting.fit import Fit
 from clearance.mechanism.applied_force import TabulatedForce, shares
 
@@ -99,14 +99,14 @@ def estimates(attempt: Attempt) -> list[Estimate]:
 
 
 def withdraw(explanation: Explanation) -> None:
-    """Withdraw attempts with an effect whose every size may as well be off, until the best has none.
+    """Withdraw the best attempt until it beats the nominal machine and has no effect that may as well be off.
 
-    Not a force of free form: it is tried where the nominal machine does not explain, and together its knots
-    may be sure though each is not; a constant torque, for example, is the drive's.
+    Of an effect every size may be. Not of a force of free form: its knots may be sure together though each is
+    not; a constant torque, for example, is the drive's.
     """
     while explanation.best.hypotheses:
         best = explanation.best
-        numbers, place, sure = estimates(best), 1, True
+        numbers, place, sure = estimates(best), 1, beats(best, explanation.nominal)
         for hypothesis in best.hypotheses:
             sizes = [i for i in range(len(hypothesis.unknowns)) if not _shape(hypothesis, i)]
             sure &= hypothesis.name == FREE_FORM or any(
@@ -207,8 +207,8 @@ def clearance_of(explanation: Explanation) -> Estimate:
 
 
 def probabilities(explanation: Explanation) -> dict[int, float]:
-    """Of each attempt, by its index, among all: exp(-difference / 2) of penalised sums of squares."""
-    every = [explanation.nominal, *explanation.attempts]
+    """Of each that may be asserted, by its ``id``: exp(-difference / 2) of penalised sums of squares."""
+    every = [explanation.nominal, *(a for a in explanation.attempts if not a.withdrawn)]
     prices = np.array([penalised(a) for a in every])
     weights = np.exp(-0.5 * (prices - prices.min()))
     weights /= weights.sum()
@@ -322,7 +322,7 @@ def effects_of(attempt: Attempt, chance: dict[int, float]) -> list[dict[str, Any
             {
                 "name": hypothesis.name, "kind": hypothesis.kind, "body": hypothesis.body,
                 **({"channel": hypothesis.channel} if hypothesis.channel else {}),
-                "direction": hypothesis.direction, "probability": round(chance[id(attempt)], 4),
+                "direction": hypothesis.direction, "probability": round(chance.get(id(attempt), 0.0), 4),
                 "parameters": parameters,
             }
         )  # fmt: skip

@@ -83,7 +83,6 @@ def reconstruct(
     speed: float,
     angle: float,
     samples: int | None = None,
-    robust: bool = True,
 ) -> Reconstruction:
     """Reconstruct the path of a machine whose joints have the clearances in ``parameters``.
 
@@ -94,7 +93,6 @@ def reconstruct(
         speed: mean crank speed [rad/s].
         angle: crank angle at the first sample [rad].
         samples: of the recording to use; all if ``None``.
-        robust: whether samples that contradict the path lose weight; not while clearances are compared.
     """
     values = measured.values.reshape(-1, len(measured.signals))[:samples]
     count, loose = len(values), len(joints)
@@ -122,7 +120,7 @@ def reconstruct(
             lifted = _lifted(parameters, measured, _across(parameters, measured, values, felt, state))
         if iteration:
             for j in range(loose):
-                rests = _resting(felt, bores[j], state, j, robust and iteration > 2)
+                rests = _resting(felt, bores[j], state, j, iteration > 2)
                 target[:, 2 * j : 2 * j + 2], sight[:, 2 * j : 2 * j + 2], doubt[:, 2 * j : 2 * j + 2] = rests
         rows = np.column_stack([felt.signals, felt.imbalance])
         slope = slopes(parameters, joints, measured.signals, state, inputs, lifted)

@@ -1,10 +1,10 @@
 """A force that repeats by a clock of its own: its period, and where in it each recording begins.
 
 What a fan beside the machine, a press next door or an uneven supply does to it knows nothing of the crank. In
-the balance of work (``balance``) such a force is linear in its Fourier series once the period is known. All
-periods are tried, each recording with a series of its own, since nobody knows when it began; recordings at
-different speeds agree on the period alone where the crank is not the clock. Then one series is shared, and
-each recording's clock is set by where its own series lies in it.
+the balance of work (``searching.balance``) such a force is linear in its Fourier series once the period is
+known. All periods are tried, each recording with a series of its own, since nobody knows when it began;
+recordings at different speeds agree on the period alone where the crank is not the clock. Then one series is
+shared, and each recording's clock is set by where its own series lies in it.
 
 Reference: epoch folding and harmonic fits, Schwarzenberg-Czerny 1996, ApJ 460, L107-L110.
 """

@@ -4,18 +4,16 @@ import numpy as np
 
 from clearance.diagnosis.motion.track import Track
 from clearance.errors import InputError
-from clearance.mechanism.slider_crank import SliderCrank
 
 _HARMONICS = 3
 _LOOK = 3.0  # s at most from which speed and phase are found
 
 
-def begin(track: Track, machine: SliderCrank, speeds: tuple[float, float]) -> np.ndarray:
+def begin(track: Track, speeds: tuple[float, float]) -> np.ndarray:
     """(5,) angle [rad], speed [rad/s], integral 0, drive's speed [rpm], encoder's zero 0 at the first sample.
 
     Args:
         track: the recording.
-        machine: nominal.
         speeds: range [rad/s] in which the speed is looked for where no channel tells it.
 
     Raises:

@@ -105,7 +105,6 @@ def fit(
     workers: int = 1,
     staged: bool = False,
     iterations: int = _ITERATIONS,
-    held: bool = False,
     enough: float = _ENOUGH,
 ) -> Fit:
     """Fit a model.
@@ -120,7 +119,6 @@ def fit(
         staged: from a poor start: first each recording's own unknowns to the crank's angle, which is nearly
             linear in them, then to all channels of the first moments and of ever longer parts.
         iterations: at most.
-        held: whether shared unknowns stay where they start.
         enough: decrease of the cost that is not worth another step.
     """
     if staged:
@@ -141,10 +139,10 @@ def fit(
         seconds, longest = _FIRST, max(track.seconds for track in tracks)
         while seconds < 0.7 * longest:
             parts = [t.part(0, max(_FEWEST, round(seconds * t.rate))) for t in tracks]
-            found = _fit(model, parts, shared, own, begin, workers, iterations, held, enough)
+            found = _fit(model, parts, shared, own, begin, workers, iterations, False, enough)
             shared, own = found.shared, found.own
             seconds *= 3.0
-    return _fit(model, tracks, shared, own, begin, workers, iterations, held, enough)
+    return _fit(model, tracks, shared, own, begin, workers, iterations, False, enough)
 
 
 def _fit(

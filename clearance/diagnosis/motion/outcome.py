@@ -69,7 +69,7 @@ def diagnose(
     """
     started = time.monotonic()
     machine, joint = setting.with_clearance(0.0), setting.joint
-    guesses = [begin(track, machine, speed_range) for track in tracks]
+    guesses = [begin(track, speed_range) for track in tracks]
     turns = float(np.mean([abs(guess[3]) for guess in guesses])) / 60.0
     terms = gather(named, machine, joint, tracks, list(uncertain), max(turns, 0.1))
     search = Search(tracks, machine, joint, terms, dict(uncertain), speed_range, workers, report)
@@ -168,7 +168,7 @@ class _Judged:
         self.tracks = [
             t if t.declared else replace(t, low_pass=t.usual_low_pass if filtered else None) for t in held_out
         ]
-        start = np.array([begin(track, search.model.machine, speeds) for track in self.tracks])
+        start = np.array([begin(track, speeds) for track in self.tracks])
         start[:, 4] = attempt.fit.own[0, 4]
         self.fit: Fit = fit(fixed, self.tracks, np.zeros(0), start, start, search.workers, staged=True)
         self.explained: Explained = explained(self.fit, self.tracks)

@@ -26,7 +26,6 @@ _LOOK = 8.0  # s of each recording that are searched; the result is fitted to al
 _ALIKE = 10.0  # difference of prices below which two explanations are equivalent
 _SECONDS = 60.0  # after which no further term is looked for
 _POOR = 1.2  # residuals over noise from which on terms are not enough, or not rich enough
-_ROUGH, _FINE = 2.0, 0.05  # decrease of the cost that ends a fit, while searching and at the end
 _PATIENT = 15  # iterations of a fit
 _BRIEF = 6  # iterations of a fit that is only compared
 
@@ -136,13 +135,13 @@ class Search:
         report: Callable[[str], None],
     ) -> None:
         self.tracks, self.terms, self.workers = list(tracks), terms, workers
-        self.begin = np.array([begin(track, machine, speeds) for track in tracks])
+        self.begin = np.array([begin(track, speeds) for track in tracks])
         every = {c for track in tracks for c in track.channels}
         self.model = Model(
             machine, joint, (), uncertain, "slider_position" in every,
             "crank_angle" in every and bool(every & {"slider_position", "slider_velocity"}),
         )  # fmt: skip
-        self.enough, self.in_pieces, self.speeds = _ROUGH, False, speeds
+        self.in_pieces, self.speeds = False, speeds
         self.started, self._report = monotonic(), report
 
     def report(self, text: str) -> None:
@@ -164,7 +163,9 @@ class Search:
     ) -> Attempt:
         """Fit a set of terms."""
         model = replace(self.model, terms=tuple(terms))
-        found = fit(model, self.tracks, start, own, self.begin, self.workers, staged, _BRIEF if brief else 15)
+        found = fit(
+            model, self.tracks, start, own, self.begin, self.workers, staged, _BRIEF if brief else _PATIENT
+        )
         parameters = sum(len(term.unknowns) for term in terms)
         machine, _ = model.apply(found.shared)
         if machine.parameters()[Parameter.DRIVE_INTEGRAL_GAIN]:  # each recording has its own integral
@@ -427,7 +428,6 @@ class Search:
         while self.in_time and self.widen(findings, most):
             keep(findings)
         self.prune(findings)
-        self.enough = _FINE
         self.report("fitting the recordings' whole length")
         self.tracks = [replace(t, low_pass=part.low_pass) for t, part in zip(whole, self.tracks, strict=True)]
         self._refit(findings)
@@ -466,7 +466,7 @@ class Search:
             count = min(max(1, _PIECES // len(given)), max(1, len(track.values) // size))
             for place in np.linspace(0, max(len(track.values) - size, 0), count).astype(int):
                 self.tracks.append(track.part(int(place), int(place) + size))
-                rows.append(begin(self.tracks[-1], self.model.machine, self.speeds))
+                rows.append(begin(self.tracks[-1], self.speeds))
         self.begin, self.in_pieces = np.array(rows), True
         start = np.array([u.prior[0] if u.prior else u.low for u in self.model.shared])
         nominal = self.attempt((), start, self.begin, staged=True)

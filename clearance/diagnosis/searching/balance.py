@@ -3,9 +3,9 @@
 Turn the crank a little so that no journal moves against its bearing: the forces inside the joints then do no
 work. The torque that the motion needs (d'Alembert: inertia forces times their way) must come from the drive
 and from what acts on the links from outside. The motion is known from the accelerations alone
-(``reconstruction``); so is what is missing, without a law of contact, without following the machine through
-its impacts, however far it is from the nominal one. An effect's share follows from the simulator's own
-equations with ideal joints, so every law that is written there is known here.
+(``kinematics.reconstruction``); so is what is missing, without a law of contact, without following the
+machine through its impacts, however far it is from the nominal one. An effect's share follows from the
+simulator's own equations with ideal joints, so every law that is written there is known here.
 
 What is inside a joint is not seen here: contact and film do no work, and friction, which does, turns the
 force of the contact by so much that the motion's forces are not known any more.
@@ -19,8 +19,8 @@ from math import pi
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from clearance.diagnosis.following.trace import CLEARANCES, COMPARED, Alignment, agreement, loose
 from clearance.diagnosis.hypotheses.hypothesis import SMALLEST_CLEARANCE, Setting
+from clearance.diagnosis.kinematics.agreement import CLEARANCES, COMPARED, Alignment, agreement, loose
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.diagnosis.kinematics.regression import cost_of, regressed
 from clearance.diagnosis.kinematics.turning import Turning, answer, binned

@@ -1,8 +1,8 @@
 """What the motion alone says of the mechanism's dimensions and of its sensors, before any force is believed.
 
-The path that the accelerations show (``reconstruction``) must fit the links, the guide, the gaps of the
-joints and every channel. Where a dimension or a sensor is wrong it does not, whatever moves the machine; a
-force that is missing leaves the agreement as it is. On the plant's machines a guide line that lies
+The path that the accelerations show (``kinematics.reconstruction``) must fit the links, the guide, the gaps
+of the joints and every channel. Where a dimension or a sensor is wrong it does not, whatever moves the
+machine; a force that is missing leaves the agreement as it is. On the plant's machines a guide line that lies
 elsewhere or play in the other joint, once put right, lowers the disagreement to a seventh or to three
 quarters; where it is small from the start, play takes up a little of what friction does. Without a sensor at
 fault a third is left, without another one two thirds.
@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from clearance.diagnosis.following.trace import COMPARED, agreement, loose, profile
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.kinematics.agreement import COMPARED, agreement, loose, profile
 from clearance.diagnosis.kinematics.lift import suggest_gap
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.diagnosis.searching.search import Search

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from clearance.diagnosis.following.attempt import explained
-from clearance.diagnosis.following.trace import aligned
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
+from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.sensing.measured import Measured

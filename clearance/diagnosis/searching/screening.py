@@ -51,11 +51,13 @@ class Hint:
         hypotheses: to add.
         values: of their parameters to begin with.
         gain: by which the robust sum of squares would fall, in units of the noise.
+        deviation: standard error of the size of a single one, if the rest of the model is right.
     """
 
     hypotheses: tuple[Hypothesis, ...]
     values: np.ndarray
     gain: float
+    deviation: float = np.inf
 
     @property
     def label(self) -> str:
@@ -106,13 +108,12 @@ def _columns(
     return columns
 
 
-def screen(attempt: Attempt, groups: Sequence[Sequence[Hypothesis]], joint: str, workers: int) -> "Screening":
+def screen(attempt: Attempt, groups: Sequence[Sequence[Hypothesis]], workers: int) -> "Screening":
     """Look at all hypotheses, alone and in pairs, beside a fitted model.
 
     Args:
         attempt: with its paths; its parameters and the speeds are free all the while.
         groups: hypotheses with their trials.
-        joint: the diagnosed one.
         workers: threads.
     """
     model, count = attempt.model, len(attempt.model.unknowns)
@@ -253,7 +254,12 @@ def _rank(
     order: dict[str, int] = {}
     for i in np.argsort(-gains):
         order.setdefault(columns[i].hypothesis.label, int(i))
-    singles = [Hint((columns[i].hypothesis,), values(i, changes[i]), float(gains[i])) for i in order.values()]
+    step = np.array([column.step for column in columns]) * unit[rest]
+    deviations = np.where(clear, np.abs(step) / np.sqrt(safe), np.inf)
+    singles = [
+        Hint((columns[i].hypothesis,), values(i, changes[i]), float(gains[i]), float(deviations[i]))
+        for i in order.values()
+    ]
     # pairs: every promising one with the column that gains most beside it
     pairs: dict[tuple[str, ...], Hint] = {}
     for i in list(order.values())[:_BESIDE]:

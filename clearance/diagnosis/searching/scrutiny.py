@@ -34,7 +34,7 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
     while explained(best) and len(best.hypotheses) < most and unnamed(best.hypotheses) is None:
         if search.late():
             return
-        found = screen(best, search.others(best), search.setting.joint, search.workers)
+        found = screen(best, search.others(best), search.workers)
         explanation.hints = explanation.hints or found.singles
         sure = [replace(hint, values=_begun(hint)) for hint in found.singles if hint.gain > SURE]
         _refit(search, explanation, best, sure)

@@ -1,4 +1,4 @@
-"""From recordings to an explanation: nominal first, then one, two or three hypotheses beside it."""
+"""Fits to several recordings: the nominal machine first, then hypotheses beside it, each made once."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -22,9 +22,10 @@ from clearance.diagnosis.following.attempt import (
 )
 from clearance.diagnosis.following.finished import Finished, kept_in
 from clearance.diagnosis.following.growth import Followed, Start, grow, scale_of
-from clearance.diagnosis.following.trace import Alignment, Trace, profile
+from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.clipping import clipped_sensors
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
+from clearance.diagnosis.kinematics.agreement import Alignment, profile
 from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching.explanation import Explanation, penalised
 from clearance.diagnosis.searching.screening import Hint

@@ -15,7 +15,7 @@ from importlib.resources import files
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained
-from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.explanation import Explanation, penalised
 
 SURE = 60.0
 """Fall of the sum of squares that neither chance nor another integrator brings (19 in ``nulls.json``)."""
@@ -46,6 +46,21 @@ def p_value(fall: float) -> float:
 def margin(attempt: Attempt) -> float:
     """Difference of penalised sums of squares below which another explanation is equivalent."""
     return float(_ALIKE * sum(p.samples for p in attempt.fit.passes) ** 0.5 / 10.0)
+
+
+def beats(attempt: Attempt, nominal: Attempt) -> bool:
+    """Whether an attempt explains more than a nominal machine that explains, too, by more than chance brings.
+
+    On other stretches of the recordings what these differ by is allowed for.
+    """
+    if not explained(nominal):
+        return True
+    chance = SURE if _stretches(attempt) == _stretches(nominal) else margin(attempt)
+    return penalised(attempt) + chance < penalised(nominal)
+
+
+def _stretches(attempt: Attempt) -> list[tuple[str, int, int]]:
+    return [(f.measured.name, f.measured.first, f.segments) for f in attempt.followers]
 
 
 def suspicious(explanation: Explanation) -> bool:

@@ -2,22 +2,22 @@
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import ANNEALING, explained
+from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained, refine, tightened
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, same
-from clearance.diagnosis.searching.explanation import Explanation, penalised
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.screening import screen
 from clearance.diagnosis.searching.search import Search
-from clearance.diagnosis.searching.significance import SURE
+from clearance.diagnosis.shooting.fit import settle
+from clearance.diagnosis.shooting.follow import Follower
+from clearance.errors import InputError
+
+_BACK = (0.8, 0.6, 0.4, 0.2, 0.0)  # of what was found: sizes on the way to off
+_STEPS = 6  # in which clearance and path follow each
 
 
 def prune(search: Search, explanation: Explanation) -> None:
-    """Take effects away from the best attempt as long as it explains as much without them.
-
-    The last one, too, where the nominal machine explains: on the path that was found with an effect it may
-    do as well as with it, when what looked torn beside it was a path in another minimum. Nothing is
-    asserted that is not clearly better than it.
-    """
-    fewest = 0 if explained(explanation.nominal) else 1
-    while len(explanation.best.hypotheses) > fewest:
+    """Take effects away from the best attempt as long as it explains as much without them."""
+    while len(explanation.best.hypotheses) > 1 and not search.late():
         best = explanation.best
         for left_out in range(len(best.hypotheses)):
             held = [h for i, h in enumerate(best.hypotheses) if i != left_out]
@@ -28,23 +28,59 @@ def prune(search: Search, explanation: Explanation) -> None:
                 keep += [] if i == left_out else range(place, place + count)
                 place += count
             values = best.fit.values[:, [*keep, place]]
-            if not best.hypotheses[left_out].structural(search.setting.with_clearance(3e-4)):
-                scale = ANNEALING[2] if held else best.scale  # more would lead back to the path that it had
-                search.refit(explanation, held, best.followers, values, scale)
-            elif held:  # a path with other coordinates is no beginning
+            if best.hypotheses[left_out].structural(search.setting.with_clearance(3e-4)):
+                # a path with other coordinates is no beginning
                 search.keep(
                     explanation,
                     held,
                     lambda h=held, v=values: search.grown(h, v),  # type: ignore[misc]
                 )
+            else:
+                search.refit(explanation, held, best.followers, values, ANNEALING[2], again=True)
         if explanation.best is best:
             break
-    bare = [attempt for attempt in explanation.attempts if not attempt.hypotheses]
-    explanation.nominal = min([explanation.nominal, *bare], key=penalised)
-    explanation.attempts = [attempt for attempt in explanation.attempts if attempt.hypotheses]
-    if explained(explanation.nominal):
-        for attempt in explanation.attempts:
-            attempt.withdrawn |= penalised(attempt) + SURE > penalised(explanation.nominal)
+
+
+def retry_nominal(search: Search, explanation: Explanation) -> None:
+    """Fit a nominal machine that explains once more on the path of what explains more.
+
+    What looked torn beside it may have been a path in another minimum, which an effect was the way out of.
+    Its sizes are led back to "off" step by step while clearance and path follow.
+    """
+    best, nominal, machine = explanation.best, explanation.nominal, search.setting.with_clearance(3e-4)
+    if not (best.hypotheses and explained(nominal)) or search.late():
+        return
+    if any(hypothesis.structural(machine) for hypothesis in best.hypotheses):
+        return  # a path with other coordinates is no beginning
+
+    def make() -> Attempt:
+        followers, values = _led_back(best, search.workers)
+        return refine((), model, followers, values, best.scale, 8, search.workers)
+
+    model = search.setting.model()
+    try:
+        found = search.finished.attempt((), model, make, search.workers)
+    except (InputError, np.linalg.LinAlgError):
+        return
+    if found is None or not found.misfit < nominal.misfit:
+        return
+    explanation.nominal = found
+    explanation.hints = screen(found, search.others(found), search.workers).singles
+    search.report(f"nominal, on the path of {best.label}: misfit {found.misfit:.3g}")
+
+
+def _led_back(best: Attempt, workers: int) -> tuple[list[Follower], np.ndarray]:
+    """Followers on the path of an attempt whose effects are off, and (recordings, 2) clearance and speed."""
+    model, values, followers = best.model, best.fit.values.copy(), tightened(best.followers)
+    off = np.concatenate([hypothesis.off for hypothesis in best.hypotheses])
+    shapes = np.concatenate([hypothesis.shapes for hypothesis in best.hypotheses])
+    sizes, free = 1 + np.flatnonzero(~shapes), [0, values.shape[1] - 1]
+    there, home = best.fit.values[:, sizes], off[~shapes]
+    for share in _BACK if np.isfinite(home).all() else ():
+        values[:, sizes] = home + share * (there - home)
+        found = settle(followers, model.only(free, values[0]), values[:, free], _STEPS, 1e-4, workers)
+        values[:, free] = found.values
+    return followers, values[:, free]
 
 
 def enlarge(search: Search, explanation: Explanation) -> None:

@@ -20,7 +20,7 @@ from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.scrutiny import contest, scrutinise
 from clearance.diagnosis.searching.search import FAR, NEARLY, Search
 from clearance.diagnosis.searching.significance import unsettled
-from clearance.diagnosis.searching.simplify import enlarge, prune
+from clearance.diagnosis.searching.simplify import enlarge, prune, retry_nominal
 from clearance.diagnosis.searching.small_force import begin_small_force
 from clearance.diagnosis.searching.wear import WORN
 from clearance.diagnosis.searching.widen import deafen, glaring, look, settled, widen
@@ -50,7 +50,8 @@ def find_explanation(
     against names. What explains is looked beside for what is small; where nothing takes away what is too
     much for a machine with nothing missing, effects that a linear look is sure of, then small forces of
     free form, then effects that it cannot judge, are tried on paths of their own. A named force must
-    stand against one of free form in its place. What is not needed is pruned.
+    stand against one of free form in its place. What is not needed is pruned. A nominal machine that explains
+    is fitted on the path of what explains more.
 
     Args:
         search: after its nominal stage.
@@ -63,6 +64,7 @@ def find_explanation(
     if explained(explanation.best) and explanation.best.misfit > _ROOM and not search.late():
         enlarge(search, explanation)
     scrutinise(search, explanation, most)
+    retry_nominal(search, explanation)
     if unsettled(explanation) and not search.late():
         begin_sure(search, explanation)
         begin_small_force(search, explanation)
@@ -73,6 +75,7 @@ def find_explanation(
             scrutinise(search, explanation, most)
     contest(search, explanation)
     prune(search, explanation)
+    retry_nominal(search, explanation)
 
 
 def _search_all(

@@ -1,7 +1,8 @@
 """The lobes of a worn bearing, from the motion: a journal that carries load rests on the bore.
 
-The path that the accelerations show (``reconstruction``) must keep to the bore. Lobes of each order are tried
-at some phases; the best ones are then fitted, with the clearance, to the motion of all recordings.
+The path that the accelerations show (``kinematics.reconstruction``) must keep to the bore. Lobes of each
+order are tried at some phases; the best ones are then fitted, with the clearance, to the motion of all
+recordings.
 """
 
 from dataclasses import dataclass, replace
@@ -10,8 +11,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from clearance.diagnosis.following.attempt import Attempt
-from clearance.diagnosis.following.trace import COMPARED, agreement, profile
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.kinematics.agreement import COMPARED, agreement, profile
 from clearance.diagnosis.searching.search import Search
 from clearance.errors import InputError
 

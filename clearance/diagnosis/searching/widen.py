@@ -15,8 +15,9 @@ from clearance.diagnosis.following.attempt import (
     refine,
 )
 from clearance.diagnosis.following.growth import Start
-from clearance.diagnosis.following.trace import Trace, profile
+from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint, screen
 from clearance.diagnosis.searching.search import HALFWAY, NEARLY, Search, beside
@@ -57,7 +58,7 @@ class Prospects:
 def look(search: Search, explanation: Explanation, base: Attempt) -> Prospects:
     """What points where the misfit points beside ``base``."""
     search.report(f"looking at all hypotheses beside {base.label}")
-    found = screen(base, search.others(base), search.setting.joint, search.workers)
+    found = screen(base, search.others(base), search.workers)
     explanation.hints = explanation.hints or found.singles
     missing = max(base.misfit - 1.0, _LITTLE) * sum(p.samples for p in base.fit.passes)
     for hint in found.singles[:5]:

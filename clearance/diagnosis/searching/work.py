@@ -12,9 +12,9 @@ from math import pi
 
 import numpy as np
 
-from clearance.diagnosis.following.trace import loose
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.hypotheses.missing_force import KNOTS, Curve, curve_over, free_form, refined
+from clearance.diagnosis.kinematics.agreement import loose
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.diagnosis.kinematics.regression import cost_of, regressed
 from clearance.diagnosis.kinematics.rhythm import Needed, Rhythm, find_rhythm

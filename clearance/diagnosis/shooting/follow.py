@@ -44,7 +44,6 @@ class Follower:
         integrator: how the segments are run.
         input_sigma: (inputs,) standard deviation of the unknown forces, constant over a segment.
         path: present nodes and inputs.
-        scale: factor on the recording's noise and on the process noise, above 1 while far from a solution.
     """
 
     measured: Measured

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.following.finished import Finished, kept_in
-from clearance.diagnosis.hypotheses.demonstration import record
 from clearance.diagnosis.hypotheses.effect import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.searching import search as searching
 from clearance.diagnosis.searching.location import locate_joint
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.strategy import find_explanation
+from clearance.diagnosis.sensing.demonstration import record
 from clearance.diagnosis.sensing.measured import Measured, chain_of
 from clearance.errors import InputError
 from clearance.mechanism.drive import SpeedControl

@@ -9,9 +9,10 @@ import pytest
 from clearance.diagnosis.following import growth
 from clearance.diagnosis.following.attempt import ANNEALING, EXPLAINED, FOLLOWED, refine, whole
 from clearance.diagnosis.following.growth import Start, grow, scale_of
-from clearance.diagnosis.following.trace import Trace, aligned
+from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.hypotheses.missing_force import Curve, free_form
+from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import SpeedControl

@@ -10,7 +10,6 @@ import yaml
 from clearance.configuration import CONFIGURATION
 from clearance.diagnosis.hypotheses.effect import (
     corrected_machine,
-    corrected_patch,
     load_effects,
     read_effect,
 )
@@ -26,7 +25,7 @@ from clearance.simulation.trajectory import simulate_trajectory
 
 NOMINAL = SliderCrank(joint_c=Joint(2e-4), drive=SpeedControl(700.0, ramp=0.02))
 FILES = sorted((CONFIGURATION / "effect").glob("*.yaml"))
-PHYSICS = load_effects(kind="physics")
+PHYSICS = load_effects("physics")
 VARIANTS = [variant for effect in PHYSICS for variant in effect.variants()]
 NAMES = {
     "physics": "joint_friction joint_lubrication second_clearance worn_bearing restitution contact_stiffness "
@@ -54,7 +53,7 @@ def nominal_signals():
 
 @pytest.mark.parametrize("kind", NAMES)
 def test_the_diagnosis_knows_the_effects_that_it_must(kind):
-    assert sorted(effect.name for effect in load_effects(kind=kind)) == sorted(NAMES[kind].split())
+    assert sorted(effect.name for effect in load_effects(kind)) == sorted(NAMES[kind].split())
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
@@ -149,10 +148,6 @@ def test_effects_compose_and_a_law_that_is_there_keeps_its_other_numbers():
     machine = corrected_machine(greased, "C", effects)
     assert machine.guide_friction == StribeckGuide(coulomb_force=5.0, viscous_damping=0.7)
     assert machine.gravity == (0.0, -9.0)
-    patch = corrected_patch(greased, "C", effects)
-    assert set(patch) == {"guide_friction", "gravity"}
-    assert patch["guide_friction"]["_target_"] == "clearance.mechanism.guide.StribeckGuide"
-    assert patch["guide_friction"]["coulomb_force"] == 5.0
 
 
 def test_an_instruments_effect_leaves_the_machine_and_changes_the_instruments():
@@ -183,7 +178,6 @@ def test_hypotheses_are_chosen_by_name_and_kind():
             r"hypotheses: 'guide_frction' .* did you mean 'guide_friction'\?.*gravity",
         ),
         ({"without": ["fog"]}, r"without: 'fog' is not an effect.*timebase"),
-        ({"kind": "magic"}, r"kind = 'magic' is not one of physics, instrument"),
     ],
 )
 def test_an_effect_that_does_not_exist_is_refused(settings, message):

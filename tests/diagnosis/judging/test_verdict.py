@@ -36,8 +36,9 @@ def attempt(names, misfit, kind="physics", off=0.0):
     passes = [SimpleNamespace(samples=10_000)]
     return SimpleNamespace(
         hypotheses=hypotheses, misfit=misfit, level=misfit, scale=1.0 if misfit < 2 else 10.0,
-        withdrawn=False,
-        fit=SimpleNamespace(passes=passes), model=SimpleNamespace(shared=1 + len(names)),
+        withdrawn=False, followers=[],
+        fit=SimpleNamespace(passes=passes, cost=10_000 * misfit),
+        model=SimpleNamespace(shared=1 + len(names)),
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clearance.diagnosis.following.trace import profile
+from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.kinematics.lift import lift, suggest_gap
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.mechanism.guide import LooseGuide

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from clearance.diagnosis.following.trace import Alignment, agreement, profile
+from clearance.diagnosis.kinematics.agreement import Alignment, agreement, profile
 from clearance.diagnosis.kinematics.lift import Lift
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.diagnosis.kinematics.rigid_motion import feel, slopes

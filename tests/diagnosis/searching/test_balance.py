@@ -6,14 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from clearance.diagnosis.following.trace import aligned
-from clearance.diagnosis.hypotheses.demonstration import record
 from clearance.diagnosis.hypotheses.effect import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
+from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching.balance import find_clock, settle_in, suggest_forces, suggest_names
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.work import Balance
+from clearance.diagnosis.sensing.demonstration import record
 from clearance.diagnosis.sensing.measured import Measured, chain_of
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import DirectCurrentMotor, SpeedControl, TorqueRipple

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clearance.diagnosis.following.trace import aligned
-from clearance.diagnosis.hypotheses.demonstration import record
 from clearance.diagnosis.hypotheses.effect import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
+from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.searching.geometry import suggest_channels, suggest_dimensions, suggest_guide
 from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.sensing.demonstration import record
 from clearance.diagnosis.sensing.measured import Measured, chain_of
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.frame import FlexibleFrame

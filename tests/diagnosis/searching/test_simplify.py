@@ -5,52 +5,50 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from clearance.diagnosis.judging import verdict
+from clearance.diagnosis.judging.verdict import verdict_of, withdraw
+from clearance.diagnosis.searching import simplify
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.simplify import prune
+from clearance.diagnosis.searching.significance import beats
+from clearance.diagnosis.searching.simplify import prune, retry_nominal
 from tests.diagnosis.judging.test_verdict import attempt
 
 
-def fitted(names, misfit, structural=False):
+def fitted(names, misfit, structural=False, first=0):
     one = attempt(names, misfit)
     for hypothesis in one.hypotheses:
-        hypothesis.structural = lambda _: structural
-    one.fit.values, one.followers = np.array([[3e-4, *range(len(names)), 700.0]]), "its paths"
+        hypothesis.structural, hypothesis.shapes = lambda _: structural, np.array([False])
+    one.fit.values = np.array([[3e-4, *range(1, 1 + len(names)), 700.0]])
+    one.model.only = lambda free, row: row.copy()
+    one.followers = [SimpleNamespace(measured=SimpleNamespace(name="one", first=first), segments=100)]
+    one.label = " + ".join(names)
     return one
 
 
 class Recorder:
-    """A search that refits with misfits that are known before."""
+    """A search whose fits have misfits that are known before."""
 
-    setting = SimpleNamespace(with_clearance=lambda _: None)
+    setting = SimpleNamespace(with_clearance=lambda _: None, model=lambda: "nominal machine", joint="C")
+    workers = 1
 
     def __init__(self, misfits):
         self.misfits, self.asked = misfits, []
+        self.finished = SimpleNamespace(attempt=lambda held, model, make, workers: make())
 
-    def refit(self, explanation, held, followers, values, scale):
-        assert followers == "its paths"
+    def late(self):
+        return False
+
+    def report(self, message):
+        pass
+
+    def others(self, attempt):
+        return []
+
+    def refit(self, explanation, held, followers, values, scale, again):
+        assert again  # though one with the same hypotheses explains, on a path of its own
         names = [h.name for h in held]
-        self.asked.append((names, values.tolist(), scale))
+        self.asked.append((names, values.tolist()))
         explanation.attempts.append(fitted(names, self.misfits[tuple(names)]))
-
-
-@pytest.mark.parametrize(("bare", "expected"), [(1.0, []), (1.005, []), (1.06, ["restitution"])])
-def test_an_effect_goes_where_the_nominal_machine_does_as_well_on_its_path(bare, expected):
-    explanation = Explanation(fitted([], 1.06), [fitted(["restitution"], 1.0)])
-    search = Recorder({(): bare})
-    prune(search, explanation)
-    assert [h.name for h in explanation.best.hypotheses] == expected
-    assert search.asked == [([], [[3e-4, 700.0]], 1.0)]
-    assert explanation.nominal.misfit == bare
-    assert all(one.hypotheses for one in explanation.attempts)
-    assert all(one.withdrawn == (not expected) for one in explanation.attempts)
-
-
-def test_one_effect_stays_where_the_nominal_machine_was_far():
-    explanation = Explanation(fitted([], 40.0), [fitted(["restitution"], 1.0)])
-    search = Recorder({})
-    prune(search, explanation)
-    assert search.asked == []
-    assert explanation.best.hypotheses
 
 
 def test_of_two_the_one_that_explains_nothing_goes():
@@ -58,10 +56,68 @@ def test_of_two_the_one_that_explains_nothing_goes():
     search = Recorder({("gravity",): 1.0, ("restitution",): 30.0})
     prune(search, explanation)
     assert [h.name for h in explanation.best.hypotheses] == ["gravity"]
-    assert [asked[1] for asked in search.asked] == [[[3e-4, 1.0, 700.0]], [[3e-4, 0.0, 700.0]]]
+    assert [asked[1] for asked in search.asked] == [[[3e-4, 2.0, 700.0]], [[3e-4, 1.0, 700.0]]]
 
 
-def test_a_path_with_other_coordinates_is_no_beginning_for_the_nominal_machine():
-    explanation = Explanation(fitted([], 1.1), [fitted(["second_clearance"], 1.0, structural=True)])
-    prune(Recorder({}), explanation)
-    assert explanation.best.hypotheses
+def retried(monkeypatch, nominal, best, again, gain):
+    """An explanation whose nominal machine was fitted on the path of the best."""
+    explanation = Explanation(fitted([], nominal), [best], [SimpleNamespace(gain=80.0)])
+
+    def settle(followers, model, values, *_):
+        sizes.append(model[1])
+        return SimpleNamespace(values=values)
+
+    def refine(held, model, followers, values, *_):
+        assert followers == ["its own paths"]
+        assert values.tolist() == [[3e-4, 700.0]]
+        assert sizes == pytest.approx([0.8, 0.6, 0.4, 0.2, 0.0])  # of 1: the path follows each
+        return fitted([], again)
+
+    sizes = []
+    monkeypatch.setattr(simplify, "tightened", lambda followers: ["its own paths"])
+    monkeypatch.setattr(simplify, "settle", settle)
+    monkeypatch.setattr(simplify, "refine", refine)
+    monkeypatch.setattr(simplify, "screen", lambda *_: SimpleNamespace(singles=[SimpleNamespace(gain=gain)]))
+    retry_nominal(Recorder({}), explanation)
+    return explanation
+
+
+@pytest.mark.parametrize(
+    ("again", "expected"),
+    [(1.0, "none"), (1.004, "none"), (1.06, "physics")],
+)
+def test_nothing_is_missing_where_the_nominal_machine_does_as_well_on_that_path(monkeypatch, again, expected):
+    monkeypatch.setattr(verdict, "estimates", lambda best: [SimpleNamespace(low=1, high=2)] * 2)
+    monkeypatch.setattr(verdict, "_shape", lambda *_: False)
+    explanation = retried(monkeypatch, 1.1, fitted(["restitution"], 1.0), again, 9.0)
+    assert explanation.nominal.misfit == again
+    assert [hint.gain for hint in explanation.hints] == [9.0]  # the old path's promises are its errors
+    withdraw(explanation)
+    assert verdict_of(explanation) == expected
+
+
+@pytest.mark.parametrize(
+    ("nominal", "best"),
+    [(40.0, fitted(["restitution"], 1.0)), (1.1, fitted(["second_clearance"], 1.0, structural=True))],
+)
+def test_the_nominal_machine_keeps_its_own_path_where_another_is_no_beginning(monkeypatch, nominal, best):
+    explanation = retried(monkeypatch, nominal, best, 1.0, 9.0)
+    assert explanation.nominal.misfit == nominal
+    assert [hint.gain for hint in explanation.hints] == [80.0]
+
+
+@pytest.mark.parametrize(
+    ("first", "misfit", "expected"),
+    [
+        (0, 0.99, True),  # 100 less, of which 9 are the price
+        (0, 0.995, False),
+        (10, 0.99, False),  # on another stretch chance may bring that
+        (10, 0.97, True),
+    ],
+)
+def test_what_beats_the_nominal_machine_leaves_less_than_chance_would(first, misfit, expected):
+    assert beats(fitted(["restitution"], misfit, first=first), fitted([], 1.0)) == expected
+
+
+def test_a_nominal_machine_that_does_not_explain_is_beaten_by_anything():
+    assert beats(fitted(["restitution"], 1.0), fitted([], 40.0))

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.guide import StribeckGuide
 from clearance.mechanism.slider_crank import SliderCrank
@@ -19,15 +18,17 @@ _NOISE = 0.01  # of each channel's standard deviation
 _SETTLED, _DURATION, _MARGIN = 0.5, 0.6, 0.01  # s
 
 
-def demonstration(setting: Setting) -> dict[str, Recording]:
-    """One recording by name, made with steps five times shorter than those of the diagnosis."""
+def demonstration(machine: SliderCrank) -> dict[str, Recording]:
+    """One recording of a machine by name, made with steps five times shorter than those of the diagnosis.
+
+    Args:
+        machine: with clearance, and nothing missing.
+    """
     friction = StribeckGuide(
         coulomb_force=FRICTION, viscous_damping=0.0, stribeck_force=0.0, friction_coefficient=0.0
     )
-    machine = replace(
-        setting.with_clearance(CLEARANCE), guide_friction=friction, drive=SpeedControl(SPEED, ramp=0.1)
-    )
-    return {"demonstration": record(machine, 1)}
+    made = replace(machine, guide_friction=friction, drive=SpeedControl(SPEED, ramp=0.1))
+    return {"demonstration": record(made, 1)}
 
 
 def record(machine: SliderCrank, seed: int) -> Recording:
