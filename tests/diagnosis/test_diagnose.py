@@ -23,7 +23,7 @@ RPM = 3.141592653589793 / 30.0
 @pytest.fixture(scope="module")
 def demonstrated(tmp_path_factory):
     home = tmp_path_factory.mktemp("home")
-    done = launch("diagnose", "hypotheses=[guide_friction]", "hydra.run.dir=run", folder=home)
+    done = launch("diagnose", "hypotheses=[guide_friction,gravity]", "hydra.run.dir=run", folder=home)
     assert done.returncode == 0, done.stderr
     return home, done.stdout, json.loads((home / "run/diagnosis.json").read_text())
 
@@ -47,6 +47,14 @@ def test_with_it_the_clearance_and_the_held_out_error_come_right(demonstrated):
     held_out = found["fit"]["held_out"]
     assert held_out["before"] > 2.0
     assert held_out["after"] < 1.1
+
+
+def test_it_says_how_small_an_effect_these_recordings_would_have_shown(demonstrated):
+    _, _, found = demonstrated
+    sizes = {entry["parameter"]: entry for entry in found["smallest_seen"]}
+    assert {entry["name"] for entry in sizes.values()} == {"gravity"}
+    assert sizes["gravity_x"]["unit"] == "m/s^2"
+    assert 1e-4 < sizes["gravity_x"]["size"] < 1.0
 
 
 def test_the_corrected_machine_is_simulated_by_the_other_commands(demonstrated):
