@@ -24,6 +24,7 @@ _ALONG = 4  # points from knot to knot at which a spline is given
 _WORSE = 1.02  # and ratio of their levels
 _UNITS = {"crank_angle": "rad", "slider_position": "m", "slider_velocity": "m/s", "time": "s"}
 _SHOWN = 0.15  # of the clearance that the motion shows: by how much it may be wrong
+_FAR_NEARER = 0.5  # of the best misfit: what leaves less, if of one recording only, says more of the place
 _NEAR = 2.0  # times the best misfit: models that say as much of the clearance, where none explains
 
 
@@ -150,16 +151,26 @@ def place_of(explanation: Explanation) -> tuple[str | None, str | None]:
     best = explanation.best
     if explanation.rails is not None and not explained(best):
         return "slider", "y"
+    suspected = explanation.suspected
+    if _nearer(explanation):
+        assert suspected is not None
+        return suspected.body, suspected.direction
     if best.hypotheses:
         return best.hypotheses[0].body, best.hypotheses[0].direction
     if verdict_of(explanation) == "none":
         return None, None
-    if explanation.suspected:
-        return explanation.suspected
+    if suspected is not None:
+        return suspected.body, suspected.direction
     if explanation.hints:
         likeliest = explanation.hints[0].hypotheses[0]
         return likeliest.body, likeliest.direction
     return None, None
+
+
+def _nearer(explanation: Explanation) -> bool:
+    """Whether a force without a name comes far nearer to one recording than what was found does to all."""
+    best, suspected = explanation.best, explanation.suspected
+    return suspected is not None and not explained(best) and suspected.misfit < _FAR_NEARER * best.misfit
 
 
 def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str:
@@ -264,6 +275,12 @@ def sentences(
         place += count
     if verdict == "unknown" and curve is None:
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
+        if _nearer(explanation):
+            body, direction = place_of(explanation)
+            lines.append(
+                f"A force without a name on the {str(body).replace('_', ' ')} ({direction}) comes nearer to "
+                "one recording; no table of it was found that explains all."
+            )
         lines += _rails(explanation)
     others = equivalents(explanation)[1:] if verdict != "unknown" or curve is not None else []
     if others:

@@ -19,6 +19,7 @@ from clearance.errors import InputError
 _FITTED = 2  # of them that are fitted to all recordings
 _LEFT = 0.3  # of what a base that explains leaves: what is right leaves less
 _TRIALS = 3  # plausible shapes or sizes of an effect that are tried
+_AGAIN, _HELPED = 2, 0.5  # times that a flexible part is followed again; of its misfit, for another time
 _SUREST = 3  # effects that a linear look is sure of
 _ELSEWHERE = (DRIVE, "second_clearance", "rod_flexibility", "flexible_base", LOOSE_GUIDE)
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
@@ -142,6 +143,7 @@ def _try_out(
                 continue
             if found is None:
                 continue
+            found = _settled(search, hypothesis, model, found, surest, limit, begun)
             misfit = found[2]
             search.report(f"  {hypothesis.label}: misfit {misfit:.3g} on one recording")
             if misfit < little:  # of the others, too? one recording at one speed shows little of a motor
@@ -155,6 +157,42 @@ def _try_out(
     for misfit, held, row in list(best.values())[:_FITTED]:
         if misfit > (little if explained(base) else good) or search.late() or everywhere(held, row):
             return
+
+
+def _settled(
+    search: Search,
+    hypothesis: Hypothesis,
+    model: Model,
+    found: Followed,
+    surest: int,
+    limit: float,
+    begun: str,
+) -> Followed:
+    """Where a flexible part is followed badly: again from the size that it came to, while that helps much.
+
+    The frequency at which it rings shows soon; the path that was begun with another one stays torn.
+    """
+    if not (hypothesis.structural(search.setting.with_clearance(3e-4)) and hypothesis.shapes.any()):
+        return found
+    for again in range(_AGAIN):
+        if found[2] < EXPLAINED or search.late():
+            return found
+        row = found[1].copy()
+        row[-1 - len(hypothesis.shapes) : -1][hypothesis.shapes] = hypothesis.start[hypothesis.shapes]
+
+        def make(row: np.ndarray = row) -> Followed | None:
+            return grow(start_with(search, hypothesis, model, row, surest), model, row, limit)
+
+        try:
+            other = search.finished.followed(f"{begun}, again {again}", make)
+        except (InputError, np.linalg.LinAlgError):
+            return found
+        if other is None or not other[2] < found[2]:
+            return found
+        helped, found = other[2] < _HELPED * found[2], other
+        if not helped:
+            return found
+    return found
 
 
 def _of_other_sizes(group: Sequence[Hypothesis]) -> list[Hypothesis]:

@@ -22,6 +22,21 @@ class Rails:
     clearance: float
 
 
+@dataclass(frozen=True)
+class Suspected:
+    """A force without a name that explains more of one recording than others would.
+
+    Attributes:
+        body: on which it acts.
+        direction: in which.
+        misfit: with it, of that recording.
+    """
+
+    body: str
+    direction: str
+    misfit: float
+
+
 @dataclass
 class Explanation:
     """What was tried and what came of it.
@@ -30,7 +45,7 @@ class Explanation:
         nominal: the machine as it is, refitted.
         attempts: hypotheses that were fitted, best first.
         hints: of the first screening.
-        suspected: body and direction of a force without a name that explains more than others, if one does.
+        suspected: a force without a name that explains more than others, if one does.
         rails: between which the slider moves, if it does.
         balanced: whether the drive and the known loads give the torque that the motion needs.
         unpushed: whether no force on the links would give what they do not.
@@ -40,7 +55,7 @@ class Explanation:
     nominal: Attempt
     attempts: list[Attempt] = field(default_factory=list)
     hints: list[Hint] = field(default_factory=list)
-    suspected: tuple[str, str] | None = None
+    suspected: Suspected | None = None
     rails: Rails | None = None
     balanced: bool = False
     unpushed: bool = False

@@ -12,7 +12,7 @@ from clearance.diagnosis.searching.elsewhere import (
     begin_plausible,
     begin_sure,
 )
-from clearance.diagnosis.searching.explanation import Explanation, penalised
+from clearance.diagnosis.searching.explanation import Explanation, Suspected, penalised
 from clearance.diagnosis.searching.free_search import fit_curve, name_curve, reshape, suggest_curve
 from clearance.diagnosis.searching.from_motion import begin_balanced, begin_dimensions, begin_wear
 from clearance.diagnosis.searching.geometry import suggest_channels
@@ -153,7 +153,7 @@ def _search_all(
             return
         found, misfit = suggest_curve(search, nominal)
         if found:
-            explanation.suspected = (found[0].body, found[0].direction)
+            explanation.suspected = Suspected(found[0].body, found[0].direction, misfit)
         if misfit < max(NEARLY, _PART * nominal.misfit) or (found and found[0].body == "slider"):
             fit_curve(search, explanation, found)
         else:

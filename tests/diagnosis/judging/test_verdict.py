@@ -20,7 +20,7 @@ from clearance.diagnosis.judging.verdict import (
     verdict_of,
     withdraw,
 )
-from clearance.diagnosis.searching.explanation import Explanation, Rails
+from clearance.diagnosis.searching.explanation import Explanation, Rails, Suspected
 from clearance.diagnosis.shooting.fit import Fit
 from clearance.diagnosis.shooting.model import Model, Unknown
 from clearance.mechanism.slider_crank import SliderCrank
@@ -192,3 +192,16 @@ def test_what_derivatives_leave_of_an_unseen_direction_is_no_knowledge():
     deviation = np.linalg.norm(_root(twins), axis=1) * unit
     assert (deviation[:2] > 1e6).all()
     assert deviation[2] == pytest.approx(1.0, rel=0.02)
+
+
+@pytest.mark.parametrize(("misfit", "expected"), [(1.6, ("slider", "x")), (3.0, ("joint_b", "normal"))])
+def test_a_force_that_nearly_explains_one_recording_says_more_of_the_place_than_a_name_that_does_not(
+    misfit, expected
+):
+    film = attempt(["joint_lubrication"], 5.0)
+    film.hypotheses[0].body, film.hypotheses[0].direction = "joint_b", "normal"
+    explanation = Explanation(attempt([], 8.0), [film], suspected=Suspected("slider", "x", misfit))
+    assert place_of(explanation) == expected
+    explanation.attempts.append(attempt(["gravity"], 1.0))
+    explanation.attempts[1].hypotheses[0].body, explanation.attempts[1].hypotheses[0].direction = "all", "x"
+    assert place_of(explanation) == ("all", "x")

@@ -8,7 +8,13 @@ import pytest
 from clearance.diagnosis.hypotheses.effect import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.searching import elsewhere, scrutiny
-from clearance.diagnosis.searching.elsewhere import _of_other_sizes, _try_out, begin_plausible, begin_sure
+from clearance.diagnosis.searching.elsewhere import (
+    _of_other_sizes,
+    _settled,
+    _try_out,
+    begin_plausible,
+    begin_sure,
+)
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.searching.scrutiny import _compare_kinds
@@ -120,12 +126,46 @@ def test_each_candidate_is_tried_though_something_small_explains():
     search = SimpleNamespace(
         starts=[SimpleNamespace(doubt=1.0)], late=lambda: False, report=lambda _: None,
         keep=lambda _, held, make: fitted.append(held[-1].name),
-        setting=SimpleNamespace(model=lambda held: None),
+        setting=SimpleNamespace(model=lambda held: None, with_clearance=lambda _: SliderCrank()),
         finished=SimpleNamespace(followed=lambda *_: (None, np.zeros(3), 1.0)),
     )  # fmt: skip
     each = list({group[0].name: group for group in GROUPS}.values())
     _try_out(search, explanation, nominal, each[:2], None)
     assert fitted == ["guide_friction", "restitution"]
+
+
+@pytest.mark.parametrize(
+    ("misfits", "expected"),
+    [
+        ([0.9], 39.3),  # no flexible part: as it is
+        ([2.5, 0.99], 0.99),
+        ([2.5, 30.0], 2.5),
+        ([30.0, 1.0], 30.0),  # it helped too little for another look
+        ([50.0], 39.3),
+        ([None], 39.3),
+    ],
+)
+def test_a_flexible_part_is_followed_again_from_the_frequency_it_came_to(monkeypatch, misfits, expected):
+    begun, left = [], iter(misfits)
+
+    def grow(start, model, row, limit):
+        begun.append(row.tolist())
+        misfit = next(left)
+        return None if misfit is None else ("its path", np.array([9.6e-4, 346.0, 0.03, 700.0]), misfit)
+
+    monkeypatch.setattr(elsewhere, "grow", grow)
+    monkeypatch.setattr(elsewhere, "start_with", lambda *_: None)
+    search = SimpleNamespace(
+        setting=Setting(SliderCrank(), "C"), late=lambda: False,
+        finished=SimpleNamespace(followed=lambda label, make: make()),
+    )  # fmt: skip
+    name = "guide_friction" if misfits == [0.9] else "rod_flexibility"
+    machine = Setting(SliderCrank(), "C").with_clearance(3e-4)
+    hypothesis = next(iter(gather(load_effects([name], []), machine, "C", ()).values()))[0]
+    first = "its path", np.array([9.6e-4, 343.8, 0.006, 700.0]), 39.3
+    assert _settled(search, hypothesis, None, first, 0, 50.0, "label")[2] == expected
+    assert len(begun) == (0 if misfits == [0.9] else len(misfits) if expected != 30.0 else 1)
+    assert not begun or begun[0] == [9.6e-4, 343.8, hypothesis.start[1], 700.0]  # a plausible damping
 
 
 def test_plausible_sizes_are_tried_before_other_shapes_of_one():
