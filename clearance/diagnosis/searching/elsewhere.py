@@ -1,6 +1,7 @@
 """Effects that no look beside a nominal path can judge: they add coordinates, or change much at once."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,13 +14,12 @@ from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE
 from clearance.diagnosis.searching.search import FAR, Search, beside, enough
 from clearance.diagnosis.searching.significance import SURE, unsettled
 from clearance.diagnosis.searching.work import DRIVE
-from clearance.diagnosis.shooting.model import Model
 from clearance.errors import InputError
 
 _FITTED = 2  # of them that are fitted to all recordings
 _LEFT = 0.3  # of what a base that explains leaves: what is right leaves less
 _TRIALS = 3  # plausible shapes or sizes of an effect that are tried
-_AGAIN, _HELPED = 2, 0.5  # times that a flexible part is followed again; of its misfit, for another time
+_AGAIN = (1.0, 3.0, 5.0)  # times the plausible damping with which a flexible part is followed again
 _SUREST = 3  # effects that a linear look is sure of
 _ELSEWHERE = (DRIVE, "second_clearance", "rod_flexibility", "flexible_base", LOOSE_GUIDE)
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
@@ -116,83 +116,83 @@ def _try_out(
     surest = int(np.argmin([start.doubt for start in search.starts]))
     limit, good = max(base.misfits[surest], POOR), enough(base, surest)
     little = min(EXPLAINED, 1.0 + _LEFT * (base.misfits[surest] - 1.0)) if explained(base) else EXPLAINED
-    tried: list[tuple[float, list[Hypothesis], np.ndarray]] = []
+    tried: list[_Tried] = []
 
-    def everywhere(held: list[Hypothesis], row: np.ndarray) -> bool:
+    def everywhere(one: _Tried) -> bool:
         before = explanation.best
-        search.keep(explanation, held, lambda: fit_everywhere(search, held, row, surest, base))
+        search.keep(
+            explanation, one.held, lambda: fit_everywhere(search, one.held, one.row, surest, base)
+        )  # fmt: skip
         return explained(explanation.best) and explanation.best is not before
 
     for group in groups:
+        own: list[_Tried] = []
         for hypothesis in _of_other_sizes(group)[:_TRIALS]:
             if search.late():
                 return
             held, values = beside(base, [hypothesis], hypothesis.start)
-            model, row = search.setting.model(held), values[surest]
+            row = values[surest]
             row[0] = row[0] if clearance is None else clearance
-
-            def one(
-                h: Hypothesis = hypothesis, model: Model = model, row: np.ndarray = row
-            ) -> Followed | None:
-                return grow(start_with(search, h, model, row, surest), model, row, limit)
-
-            try:
-                begun = f"{base.label} + {hypothesis.label} from {row}, one recording"
-                found = search.finished.followed(begun, one)
-            except (InputError, np.linalg.LinAlgError):
-                continue
-            if found is None:
-                continue
-            found = _settled(search, hypothesis, model, found, surest, limit, begun)
-            misfit = found[2]
-            search.report(f"  {hypothesis.label}: misfit {misfit:.3g} on one recording")
-            if misfit < little:  # of the others, too? one recording at one speed shows little of a motor
-                if everywhere(held, found[1]):
-                    return
+            own += _on_one(search, held, row, surest, limit, f"{base.label} + {hypothesis.label}")
+            if own and own[-1].misfit < little:
                 break
-            tried.append((misfit, held, found[1]))
-    best: dict[str, tuple[float, list[Hypothesis], np.ndarray]] = {}
-    for trial in sorted(tried, key=lambda trial: trial[0]):
-        best.setdefault(trial[1][-1].label, trial)
-    for misfit, held, row in list(best.values())[:_FITTED]:
-        if misfit > (little if explained(base) else good) or search.late() or everywhere(held, row):
+        if not own:
+            continue
+        one = min(own, key=lambda one: one.misfit)
+        if one.misfit >= little:
+            one = _again(search, one, surest, limit, base.label)
+        if one.misfit >= little:
+            tried.append(one)
+        elif everywhere(one):  # of the others, too? one recording at one speed shows little of a motor
+            return
+    for one in sorted(tried, key=lambda one: one.misfit)[:_FITTED]:
+        if one.misfit > (little if explained(base) else good) or search.late() or everywhere(one):
             return
 
 
-def _settled(
-    search: Search,
-    hypothesis: Hypothesis,
-    model: Model,
-    found: Followed,
-    surest: int,
-    limit: float,
-    begun: str,
-) -> Followed:
-    """Where a flexible part is followed badly: again from the size that it came to, while that helps much.
+class _Tried(NamedTuple):
+    """What one recording says of hypotheses: the misfit, and the (unknowns,) values of their model."""
+
+    misfit: float
+    held: list[Hypothesis]
+    row: np.ndarray
+
+
+def _on_one(
+    search: Search, held: list[Hypothesis], row: np.ndarray, surest: int, limit: float, label: str
+) -> list[_Tried]:
+    """Follow the surest recording with the last hypothesis, from values; nothing where that fails."""
+    model, hypothesis = search.setting.model(held), held[-1]
+
+    def make() -> Followed | None:
+        return grow(start_with(search, hypothesis, model, row, surest), model, row, limit)
+
+    try:
+        found = search.finished.followed(f"{label} from {row}, one recording", make)
+    except (InputError, np.linalg.LinAlgError):
+        return []
+    if found is None:
+        return []
+    search.report(f"  {hypothesis.label}: misfit {found[2]:.3g} on one recording")
+    return [_Tried(found[2], held, found[1])]
+
+
+def _again(search: Search, one: _Tried, surest: int, limit: float, label: str) -> _Tried:
+    """Where a flexible part is followed badly: again from the size that it came to, with other dampings.
 
     The frequency at which it rings shows soon; the path that was begun with another one stays torn.
     """
+    hypothesis = one.held[-1]
     if not (hypothesis.structural(search.setting.with_clearance(3e-4)) and hypothesis.shapes.any()):
-        return found
-    for again in range(_AGAIN):
-        if found[2] < EXPLAINED or search.late():
-            return found
-        row = found[1].copy()
-        row[-1 - len(hypothesis.shapes) : -1][hypothesis.shapes] = hypothesis.start[hypothesis.shapes]
-
-        def make(row: np.ndarray = row) -> Followed | None:
-            return grow(start_with(search, hypothesis, model, row, surest), model, row, limit)
-
-        try:
-            other = search.finished.followed(f"{begun}, again {again}", make)
-        except (InputError, np.linalg.LinAlgError):
-            return found
-        if other is None or not other[2] < found[2]:
-            return found
-        helped, found = other[2] < _HELPED * found[2], other
-        if not helped:
-            return found
-    return found
+        return one
+    for times in _AGAIN:
+        if one.misfit < EXPLAINED or search.late():
+            break
+        row = one.row.copy()
+        row[-1 - len(hypothesis.shapes) : -1][hypothesis.shapes] = times * hypothesis.start[hypothesis.shapes]
+        again = _on_one(search, one.held, row, surest, limit, f"{label} + {hypothesis.label} again")
+        one = min([one, *again], key=lambda one: one.misfit)
+    return one
 
 
 def _of_other_sizes(group: Sequence[Hypothesis]) -> list[Hypothesis]:

@@ -9,8 +9,9 @@ from clearance.diagnosis.hypotheses.effect import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.searching import elsewhere, scrutiny
 from clearance.diagnosis.searching.elsewhere import (
+    _again,
     _of_other_sizes,
-    _settled,
+    _Tried,
     _try_out,
     begin_plausible,
     begin_sure,
@@ -135,17 +136,17 @@ def test_each_candidate_is_tried_though_something_small_explains():
 
 
 @pytest.mark.parametrize(
-    ("misfits", "expected"),
+    ("name", "misfits", "expected"),
     [
-        ([0.9], 39.3),  # no flexible part: as it is
-        ([2.5, 0.99], 0.99),
-        ([2.5, 30.0], 2.5),
-        ([30.0, 1.0], 30.0),  # it helped too little for another look
-        ([50.0], 39.3),
-        ([None], 39.3),
+        ("guide_friction", [0.9], 39.3),  # no flexible part: as it is
+        ("rod_flexibility", [2.5, 0.99], 0.99),
+        ("rod_flexibility", [None, 2.5, 30.0], 2.5),
+        ("rod_flexibility", [50.0, None, 40.0], 39.3),
     ],
 )
-def test_a_flexible_part_is_followed_again_from_the_frequency_it_came_to(monkeypatch, misfits, expected):
+def test_a_flexible_part_is_followed_again_from_the_frequency_it_came_to(
+    monkeypatch, name, misfits, expected
+):
     begun, left = [], iter(misfits)
 
     def grow(start, model, row, limit):
@@ -156,16 +157,15 @@ def test_a_flexible_part_is_followed_again_from_the_frequency_it_came_to(monkeyp
     monkeypatch.setattr(elsewhere, "grow", grow)
     monkeypatch.setattr(elsewhere, "start_with", lambda *_: None)
     search = SimpleNamespace(
-        setting=Setting(SliderCrank(), "C"), late=lambda: False,
+        setting=Setting(SliderCrank(), "C"), late=lambda: False, report=lambda _: None,
         finished=SimpleNamespace(followed=lambda label, make: make()),
     )  # fmt: skip
-    name = "guide_friction" if misfits == [0.9] else "rod_flexibility"
     machine = Setting(SliderCrank(), "C").with_clearance(3e-4)
     hypothesis = next(iter(gather(load_effects([name], []), machine, "C", ()).values()))[0]
-    first = "its path", np.array([9.6e-4, 343.8, 0.006, 700.0]), 39.3
-    assert _settled(search, hypothesis, None, first, 0, 50.0, "label")[2] == expected
-    assert len(begun) == (0 if misfits == [0.9] else len(misfits) if expected != 30.0 else 1)
-    assert not begun or begun[0] == [9.6e-4, 343.8, hypothesis.start[1], 700.0]  # a plausible damping
+    first = _Tried(39.3, [hypothesis], np.array([9.6e-4, 343.8, 0.006, 700.0]))
+    assert _again(search, first, 0, 50.0, "nominal").misfit == expected
+    dampings = [row[2] for row in begun]
+    assert dampings == pytest.approx([0.01, 0.03, 0.05][: len(misfits) if name == "rod_flexibility" else 0])
 
 
 def test_plausible_sizes_are_tried_before_other_shapes_of_one():
