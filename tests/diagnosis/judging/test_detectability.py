@@ -63,10 +63,10 @@ def test_noise_and_sensors_set_the_standard_error():
 
 @pytest.mark.parametrize("joint", ["B", "C"])
 def test_the_stored_map_is_complete_and_knows_where_a_recording_lies(joint):
-    stored = nominal_map(joint, 3.1e-4, -690.0, (*ACCELERATIONS[2:8], "slider_horizontal"))
+    stored = nominal_map(joint, 3.1e-4, -690.0, (*ACCELERATIONS[2:8], "slider_horizontal"), [])
     assert stored["here"] == {"clearance_m": 3.1e-4, "speed_rpm": 690.0, "sensors": "all", "effects": []}
-    assert nominal_map(joint, 3e-4, 700.0, ACCELERATIONS[4:8])["here"]["sensors"] == "rod"
-    assert nominal_map(joint, 3e-4, 700.0, ["slider_position"])["here"]["sensors"] is None
+    assert nominal_map(joint, 3e-4, 700.0, ACCELERATIONS[4:8], [])["here"]["sensors"] == "rod"
+    assert nominal_map(joint, 3e-4, 700.0, ["slider_position"], [])["here"]["sensors"] is None
     names = {effect["name"] for effect in stored["effects"]}
     assert {"guide_friction", "rod_inertia", "joint_friction", "sensor_gain", "sensor_delay"} <= names
     for effect in stored["effects"]:
@@ -77,7 +77,7 @@ def test_the_stored_map_is_complete_and_knows_where_a_recording_lies(joint):
 def test_the_stored_map_is_what_this_simulator_gives():
     groups = gather(load_effects(["guide_friction", "joint_friction"], []), MACHINE, "C", ())
     fresh = detectability_map(SETTING, groups, [CLEARANCE], [RPM], [ROD])
-    stored = {e["name"]: e for e in nominal_map("C", CLEARANCE, RPM, [])["effects"]}
+    stored = {e["name"]: e for e in nominal_map("C", CLEARANCE, RPM, [], [])["effects"]}
     place = CLEARANCES.index(CLEARANCE), SPEEDS.index(RPM)
     for effect in fresh["effects"]:
         kept = stored[effect["name"]]["size"]["rod"][place[0]][place[1]]
