@@ -127,7 +127,7 @@ def diagnose(
     where = summary(errors_fit)
     channels = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > 0.1][:3]
     verdict = verdict_of(explanation, after)
-    body, direction = place_of(explanation)
+    body, direction = place_of(explanation, after)
     clearance, others = clearance_of(explanation), equivalents(explanation)
     named = effects_of(best, probabilities(explanation)) if verdict not in ("none", "unknown") else []
     here = seen_beside(search, best)

@@ -146,8 +146,13 @@ def equivalents(explanation: Explanation) -> list[Attempt]:
     return [best, *sorted(alike, key=penalised)]
 
 
-def place_of(explanation: Explanation) -> tuple[str | None, str | None]:
-    """Body and direction of what is missing: of what was found, or else of what comes nearest to it."""
+def place_of(explanation: Explanation, held_out: Attempt | None = None) -> tuple[str | None, str | None]:
+    """Body and direction of what is missing: of what was found, or else of what comes nearest to it.
+
+    Args:
+        explanation: of the fitted recordings.
+        held_out: as of ``verdict_of``.
+    """
     best = explanation.best
     if explanation.rails is not None and not explained(best):
         return "slider", "y"
@@ -157,7 +162,7 @@ def place_of(explanation: Explanation) -> tuple[str | None, str | None]:
         return suspected.body, suspected.direction
     if best.hypotheses:
         return best.hypotheses[0].body, best.hypotheses[0].direction
-    if verdict_of(explanation) == "none":
+    if verdict_of(explanation, held_out) == "none":
         return None, None
     if suspected is not None:
         return suspected.body, suspected.direction
@@ -184,11 +189,11 @@ def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str
             too, is not asserted.
     """
     best = explanation.best
-    if not best.hypotheses:
-        return "none" if explained(best) and not suspicious(explanation) else "unknown"
-    if not explained(best) or unnamed(best.hypotheses) is not None or unsettled(explanation):
+    if not explained(best) or (held_out is not None and not explained(held_out)):
         return "unknown"
-    if held_out is not None and not explained(held_out):
+    if not best.hypotheses:
+        return "unknown" if suspicious(explanation) else "none"
+    if unnamed(best.hypotheses) is not None or unsettled(explanation):
         return "unknown"
     if len(equivalents(explanation)) > 1:
         return "ambiguous"

@@ -205,3 +205,12 @@ def test_a_force_that_nearly_explains_one_recording_says_more_of_the_place_than_
     explanation.attempts.append(attempt(["gravity"], 1.0))
     explanation.attempts[1].hypotheses[0].body, explanation.attempts[1].hypotheses[0].direction = "all", "x"
     assert place_of(explanation) == ("all", "x")
+
+
+def test_nothing_is_missing_only_where_the_held_out_recordings_say_so_too():
+    hint = SimpleNamespace(gain=5.0, hypotheses=[SimpleNamespace(body="frame", direction="x")])
+    explanation = Explanation(attempt([], 1.0), [], [hint])
+    assert verdict_of(explanation, attempt([], 1.1)) == "none"
+    assert place_of(explanation, attempt([], 1.1)) == (None, None)
+    assert verdict_of(explanation, attempt([], 1.8)) == "unknown"
+    assert place_of(explanation, attempt([], 1.8)) == ("frame", "x")
