@@ -166,10 +166,11 @@ def _search_all(
             begin_elsewhere(search, explanation, nominal)
 
     def inside() -> None:
-        if explanation.unpushed:
+        promising = [*prospects.plain, *prospects.likely]
+        if explanation.unpushed or any(hint.hypotheses[0].name == WORN for hint in promising):
             begin_wear(search, explanation, nominal)
-            if nominal.misfit > FAR and not settled(search, explanation, nominal):
-                elsewhere()
+        if explanation.unpushed and nominal.misfit > FAR and not settled(search, explanation, nominal):
+            elsewhere()
 
     def pair() -> None:
         for hint in prospects.pairs[:_PAIRS]:

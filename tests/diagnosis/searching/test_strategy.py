@@ -287,3 +287,33 @@ def test_a_hint_begins_where_the_balance_of_work_saw_a_load(monkeypatch):
     begun = {hint.label: hint.values for hint in [*prospects.plain, *prospects.likely, *prospects.unlikely]}
     np.testing.assert_array_equal(begun["load"], seen)
     np.testing.assert_array_equal(begun["spring"], np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("hinted", "unpushed", "expected"),
+    [("worn_bearing", False, ["wear"]), ("gravity", True, ["wear"]), ("gravity", False, [])],
+)
+def test_lobes_are_read_off_the_motion_where_a_look_promises_them_or_no_force_helps(
+    monkeypatch, hinted, unpushed, expected
+):
+    asked = []
+    strategy = "clearance.diagnosis.searching.strategy."
+    hint = SimpleNamespace(hypotheses=(SimpleNamespace(name=hinted, fault=None),))
+    prospects = SimpleNamespace(plain=[hint], likely=[], unlikely=[], pairs=[])
+    monkeypatch.setattr(strategy + "look", lambda *_: prospects)
+    monkeypatch.setattr(strategy + "glaring", lambda _: None)
+    monkeypatch.setattr(strategy + "suggest_channels", lambda _: {})
+    monkeypatch.setattr(strategy + "settled", lambda *_: False)
+    for name in ("balanced", "guide", "dimensions", "film", "plausible"):
+        monkeypatch.setattr(strategy + f"begin_{name}", lambda *_: None)
+    monkeypatch.setattr(strategy + "widen", lambda *_: None)
+    monkeypatch.setattr(strategy + "begin_wear", lambda *_: asked.append("wear"))
+    search = SimpleNamespace(
+        recordings=[SimpleNamespace(channels=("rod_b_axial",))], late=lambda: len(asked) > 0
+    )
+    monkeypatch.setattr(strategy + "fit_curve", lambda *_: None)
+    monkeypatch.setattr(strategy + "suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
+    monkeypatch.setattr(strategy + "begin_elsewhere", lambda *_: None)
+    nominal = attempt([], 10.0)
+    _search_all(search, Explanation(nominal, unpushed=unpushed), 3, lambda _: None)
+    assert asked == (expected or ["curve"])
