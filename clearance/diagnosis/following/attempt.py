@@ -43,7 +43,8 @@ class Attempt:
         followers: with the paths of the fit.
         withdrawn: whether it must not be asserted: one of its effects may as well be off, the nominal machine
             does as well, or it is a table in the place of a name that does.
-        reach: (shared, 2) how far below and above its values the likelihood does not fall, once it was asked.
+        reach: (shared, 2) how far below and above its values the likelihood does not fall, once it was asked;
+            of values that the motion alone shows, what these may err by.
     """
 
     hypotheses: tuple[Hypothesis, ...]

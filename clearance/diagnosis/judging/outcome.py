@@ -35,7 +35,7 @@ from clearance.diagnosis.searching.balance import find_clock
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
 from clearance.diagnosis.searching.location import locate_joint
-from clearance.diagnosis.searching.rattling import fit_rattling
+from clearance.diagnosis.searching.rattling import between_rails, fit_rattling
 from clearance.diagnosis.searching.search import PATIENCE, Search
 from clearance.diagnosis.searching.significance import p_value
 from clearance.diagnosis.searching.strategy import find_explanation
@@ -114,6 +114,8 @@ def diagnose(
     except KeyboardInterrupt:
         search.stopped = "it was interrupted"
         say("interrupted: what was found so far is judged and written; once more ends it at once")
+    if explanation.rails is not None and not explained(explanation.best):
+        explanation.shown = between_rails(search, explanation.rails)
     _ask(search, explanation)
     search.report("judging on held-out recordings")
     held_out = [_clocked(one, search, explanation.best) for one in held_out]

@@ -23,7 +23,6 @@ _PUSHES = {"torque": "torque", "moment": "moment"}
 _ALONG = 4  # points from knot to knot at which a spline is given
 _WORSE = 1.02  # and ratio of their levels
 _UNITS = {"crank_angle": "rad", "slider_position": "m", "slider_velocity": "m/s", "time": "s"}
-_SHOWN = 0.15  # of the clearance that the motion shows: by how much it may be wrong
 _FAR_NEARER = 0.5  # of the best misfit: what leaves less, if of one recording only, says more of the place
 _NEAR = 2.0  # times the best misfit: models that say as much of the clearance, where none explains
 
@@ -89,9 +88,14 @@ def _root(information: np.ndarray) -> np.ndarray:
 
 
 def estimates(attempt: Attempt) -> list[Estimate]:
-    """Shared parameters, the clearance first, with intervals inside the parameters' bounds."""
+    """Shared parameters, the clearance first, with intervals inside the parameters' bounds.
+
+    Of a machine that is not followed through the recordings what it errs by there says nothing.
+    """
     found = []
-    for i, sd in enumerate(deviations(attempt.fit)):
+    unfollowed = attempt.reach is not None and not explained(attempt)
+    each = np.zeros(attempt.model.shared) if unfollowed else deviations(attempt.fit)
+    for i, sd in enumerate(each):
         unknown, value = attempt.model.unknowns[i], float(attempt.fit.values[0, i])
         below, above = (0.0, 0.0) if attempt.reach is None else attempt.reach[i]
         low, high = value - max(1.96 * sd, below), value + max(1.96 * sd, above)
@@ -105,7 +109,7 @@ def withdraw(explanation: Explanation) -> None:
     Of an effect every size may be. Not of a force of free form: its knots may be sure together though each is
     not; a constant torque, for example, is the drive's.
     """
-    while explanation.best.hypotheses:
+    while explanation.best.hypotheses and explanation.best is not explanation.shown:
         best = explanation.best
         numbers, place, sure = estimates(best), 1, beats(best, explanation.nominal)
         for hypothesis in best.hypotheses:
@@ -154,10 +158,8 @@ def place_of(explanation: Explanation, held_out: Attempt | None = None) -> tuple
         held_out: as of ``verdict_of``.
     """
     best = explanation.best
-    if explanation.rails is not None and not explained(best):
-        return "slider", "y"
     suspected = explanation.suspected
-    if _nearer(explanation):
+    if best is not explanation.shown and _nearer(explanation):
         assert suspected is not None
         return suspected.body, suspected.direction
     if best.hypotheses:
@@ -189,6 +191,8 @@ def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str
             too, is not asserted.
     """
     best = explanation.best
+    if best is explanation.shown:
+        return best.hypotheses[0].kind
     if not explained(best) or (held_out is not None and not explained(held_out)):
         return "unknown"
     if not best.hypotheses:
@@ -210,11 +214,8 @@ def clearance_of(explanation: Explanation) -> Estimate:
     """
     best = explanation.best
     own = estimates(best)[0]
-    if explained(best):
+    if explained(best) or best is explanation.shown:
         return own
-    if explanation.rails is not None:
-        shown = explanation.rails.clearance
-        return Estimate(shown, (1.0 - _SHOWN) * shown, (1.0 + _SHOWN) * shown)
     near = [explanation.nominal, *explanation.attempts]
     each = [estimates(a)[0] for a in near if a.misfit <= _NEAR * best.misfit]
     return Estimate(
@@ -224,7 +225,8 @@ def clearance_of(explanation: Explanation) -> Estimate:
 
 def probabilities(explanation: Explanation) -> dict[int, float]:
     """Of each that may be asserted, by its ``id``: exp(-difference / 2) of penalised sums of squares."""
-    every = [explanation.nominal, *(a for a in explanation.attempts if not a.withdrawn)]
+    followed = [a for a in explanation.attempts if a is not explanation.shown and not a.withdrawn]
+    every = [explanation.nominal, *followed]
     prices = np.array([penalised(a) for a in every])
     weights = np.exp(-0.5 * (prices - prices.min()))
     weights /= weights.sum()
@@ -251,7 +253,6 @@ def sentences(
             "Something is missing that none of the tried hypotheses explains: the nominal model's errors are "
             f"{held['before']:.3g} times those of a perfect one.",
             f"It shows most in {', '.join(channels)}.{guess}",
-            *_rails(explanation),
         ]
     lines = []
     place = 1
@@ -286,11 +287,16 @@ def sentences(
                 f"A force without a name on the {str(body).replace('_', ' ')} ({direction}) comes nearer to "
                 "one recording; no table of it was found that explains all."
             )
-        lines += _rails(explanation)
     others = equivalents(explanation)[1:] if verdict != "unknown" or curve is not None else []
     if others:
         names = " or ".join(" with ".join(h.name for h in a.hypotheses) for a in others)
         lines.append(f"With these sensors it cannot be told from {names}.")
+    if best is explanation.shown:
+        lines.append(
+            "The motion alone shows this: the slider moves as if between rails. No such machine was kept on "
+            "the recordings through its strikes, so that nothing is said of what else may be missing."
+        )
+        gain = f"One-step errors remain ({held['after']:.3g}, floor 1.00)"
     lines.append(
         f"It shows in {', '.join(channels)}. {gain} and the clearance estimate changes from {before:.4f} to "
         f"{after:.4f} mm."
@@ -302,18 +308,6 @@ def _rhythm(law: object) -> str:
     """After what a force repeats by a clock of its own, in plain words."""
     period = getattr(law, "period", None)
     return f" and repeats every {period * 1e3:.4g} ms" if period is not None else ""
-
-
-def _rails(explanation: Explanation) -> list[str]:
-    """What a slider between rails shows, where no path of such a machine was followed."""
-    rails = explanation.rails
-    if rails is None or explained(explanation.best):
-        return []
-    return [
-        f"The slider itself moves as if between rails, with {rails.gap * 1e6:.3g} µm of free travel on each "
-        f"side and a clearance of {rails.clearance * 1e3:.3f} mm; no such machine could be followed, so it "
-        "is not asserted."
-    ]
 
 
 def located(joints: dict[str, float]) -> list[str]:
@@ -328,7 +322,7 @@ def located(joints: dict[str, float]) -> list[str]:
 
 def effects_of(attempt: Attempt, chance: dict[int, float]) -> list[dict[str, Any]]:
     """An attempt's hypotheses as the contract writes them; ``chance``: its probability, among all."""
-    found, place, numbers = [], 1, estimates(attempt)
+    found, place, numbers, known = [], 1, estimates(attempt), id(attempt) in chance
     for hypothesis in attempt.hypotheses:
         parameters = {}
         for i, unknown in enumerate(hypothesis.unknowns):
@@ -344,7 +338,8 @@ def effects_of(attempt: Attempt, chance: dict[int, float]) -> list[dict[str, Any
             {
                 "name": hypothesis.name, "kind": hypothesis.kind, "body": hypothesis.body,
                 **({"channel": hypothesis.channel} if hypothesis.channel else {}),
-                "direction": hypothesis.direction, "probability": round(chance.get(id(attempt), 0.0), 4),
+                "direction": hypothesis.direction, "basis": "prediction" if known else "motion",
+                "probability": round(chance[id(attempt)], 4) if known else None,
                 "parameters": parameters,
             }
         )  # fmt: skip

@@ -127,6 +127,39 @@ def suggest_gap(
     return max(found, default=None)
 
 
+def measure_gap(
+    acceleration: np.ndarray, push: np.ndarray, gap: float, sigma: float, period: float
+) -> tuple[float, float]:
+    """The gap [m] with which height and touched rails agree best, and its standard deviation [m].
+
+    Beside the heights it is one more unknown of the same least squares: one that is pressed lies on a rail.
+
+    Args:
+        acceleration: (samples,) across the guide [m/s^2].
+        push: (samples,) force of the guide on the slider [N].
+        gap: about as wide [m].
+        sigma: standard deviation of the acceleration's noise [m/s^2].
+        period: of the samples [s].
+    """
+    banded, right = _integrated(acceleration, sigma, period)
+    size, side = np.abs(push), -np.sign(push)
+    touching = size > _STRUCK * np.quantile(size, 0.99)
+    found, miss = gap, np.zeros(len(push))
+    for iteration in range(_ITERATIONS):
+        weight = np.where(touching, 1.0 / (_TILTED * gap), 0.0 if iteration else 1.0 / (_FREE * gap))
+        if iteration >= _SETTLED:
+            weight = weight / np.sqrt(1.0 + (miss * weight / _OUTLIER) ** 2)
+        known = weight**2 / _CORRELATED
+        matrix, rails = banded.copy(), np.zeros_like(right)
+        matrix[-1, ::2] += known + (_DRIFT / gap) ** 2
+        rails[::2] = np.where(touching, known, 0.0) * side
+        free, beside = solveh_banded(matrix, np.stack([right, rails], axis=1)).T
+        information = known[touching].sum() - rails @ beside
+        found = float(rails @ free / information)
+        miss = (free + found * beside)[::2] - found * side
+    return found, float(information**-0.5)
+
+
 def _integrated(acceleration: np.ndarray, sigma: float, period: float) -> tuple[np.ndarray, np.ndarray]:
     """Normal equations of height and rate, in turn: a banded (4, 2 samples) matrix and its right side."""
     count = len(acceleration)

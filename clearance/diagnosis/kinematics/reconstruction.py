@@ -50,6 +50,7 @@ _CLIPPED = 1e8  # times the variance: a value at its sensor's limit says nothing
 _SHAKEN = 0.2  # of the inertia forces over the mass of the frame
 _TURNING, _MOVING = 400.0, 2000.0  # rad/s^2, m/s^2: typical accelerations
 _BALANCE, _TORQUE_DRIFT = 0.02, 3.0  # N m; N m/s^0.5: how well the crank's torque balances, how it varies
+_AT_C = {Signal.ROD_C_TRANSVERSE, Signal.ROD_C_AXIAL}
 _GRAVITY = 5.0  # m/s^2 that the mechanism may lack
 
 
@@ -64,6 +65,7 @@ class Reconstruction:
         speed: that the drive seems to be asked for [rad/s].
         across: (2, samples) acceleration of the slider across its guide [m/s^2] and the guide's force on it
             [N]; no samples where no sensor tells.
+        doubt: standard deviation of that acceleration's noise [m/s^2].
         turning: (4, samples) angle [rad], speed [rad/s] and acceleration [rad/s^2] of the crank, torque that
             the motion needs [N m]; no samples where it was read from a file.
     """
@@ -73,6 +75,7 @@ class Reconstruction:
     force: float
     speed: float
     across: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)))
+    doubt: float = 0.0
     turning: np.ndarray = field(default_factory=lambda: np.zeros((4, 0)))
 
 
@@ -117,7 +120,9 @@ def reconstruct(
     felt, lifted = feel(parameters, joints, measured.signals, state, inputs), None
     for iteration in range(_ITERATIONS):
         if iteration > 1:  # from the forces of a path that is nearly right: they tell the side
-            lifted = _lifted(parameters, measured, _across(parameters, measured, values, felt, state))
+            lifted = _lifted(
+                parameters, measured, *_across(parameters, measured, values, felt, state, joints)
+            )
         if iteration:
             for j in range(loose):
                 rests = _resting(felt, bores[j], state, j, iteration > 2)
@@ -152,31 +157,49 @@ def reconstruct(
     elif parameters[Parameter.GUIDE_STIFFNESS] > 0.0:
         weight = parameters[Parameter.SLIDER_MASS] * (parameters[Parameter.GRAVITY_Y] + state[:, GRAVITY_Y])
         _lay(nodes, parameters, weight - felt.force_c[:, 1], period)
-    across = _across(parameters, measured, values, felt, state)
+    across, unsure = _across(parameters, measured, values, felt, state, joints)
     turning = np.stack([
         state[:, CRANK_ANGLE], state[:, CRANK_SPEED], inputs[:, 0], state[:, TORQUE] - felt.imbalance,
     ])  # fmt: skip
-    return Reconstruction(nodes, float(cost), force, asked, across, turning)
+    return Reconstruction(nodes, float(cost), force, asked, across, unsure, turning)
 
 
 def _across(
-    p: np.ndarray, measured: Measured, values: np.ndarray, felt: Felt, state: np.ndarray
-) -> np.ndarray:
-    """(2, samples) acceleration of the slider across its guide and the guide's force on it."""
-    if Signal.SLIDER_VERTICAL not in measured.signals:
-        return np.zeros((2, 0))
-    vertical = values[:, measured.signals.index(Signal.SLIDER_VERTICAL)]
+    p: np.ndarray,
+    measured: Measured,
+    values: np.ndarray,
+    felt: Felt,
+    state: np.ndarray,
+    joints: Sequence[str],
+) -> tuple[np.ndarray, float]:
+    """(2, samples) acceleration of the slider across its guide, the guide's force on it; the former's noise.
+
+    Where C is ideal the rod's sensors there feel what the slider does, and the rod's angle turns it.
+    """
+    at, sigma = measured.signals.index, measured.sigma
+    if Signal.SLIDER_VERTICAL in measured.signals:
+        vertical, doubt = values[:, at(Signal.SLIDER_VERTICAL)], float(sigma[at(Signal.SLIDER_VERTICAL)])
+    elif "C" in joints or not set(measured.signals) >= _AT_C or not _ends_at_c(p):
+        return np.zeros((2, 0)), 0.0
+    else:
+        across, along = at(Signal.ROD_C_TRANSVERSE), at(Signal.ROD_C_AXIAL)
+        sine, cosine = np.sin(felt.rod_angle), np.cos(felt.rod_angle)
+        vertical = cosine * values[:, across] + sine * values[:, along]
+        doubt = float(np.hypot(sigma[across], sigma[along] * sine.std()))
     gravity = p[Parameter.GRAVITY_Y] + state[:, GRAVITY_Y]
-    return np.stack([vertical + gravity, p[Parameter.SLIDER_MASS] * vertical + felt.force_c[:, 1]])
+    return np.stack([vertical + gravity, p[Parameter.SLIDER_MASS] * vertical + felt.force_c[:, 1]]), doubt
 
 
-def _lifted(p: np.ndarray, measured: Measured, across: np.ndarray) -> Lift | None:
-    """How a slider that is loose in its guide moves across it, where its sensor tells."""
+def _ends_at_c(p: np.ndarray) -> bool:
+    return bool(np.isclose(p[Parameter.SENSOR_ROD_C], p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]))
+
+
+def _lifted(p: np.ndarray, measured: Measured, across: np.ndarray, doubt: float) -> Lift | None:
+    """How a slider that is loose in its guide moves across it, where a sensor tells."""
     if p[Parameter.GUIDE_STIFFNESS] <= 0.0 or p[Parameter.GUIDE_GAP] <= 0.0 or not across.size:
         return None
-    sigma = measured.sigma[measured.signals.index(Signal.SLIDER_VERTICAL)]
     gap, stiffness = p[Parameter.GUIDE_GAP], p[Parameter.GUIDE_STIFFNESS]
-    return lift(across[0], across[1], gap, stiffness, sigma, 1.0 / measured.chain.rate)
+    return lift(across[0], across[1], gap, stiffness, doubt, 1.0 / measured.chain.rate)
 
 
 def _noise(values: np.ndarray, measured: Measured, p: np.ndarray, speed: float) -> np.ndarray:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import Attempt
+from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.searching.screening import Hint
 
@@ -15,10 +15,12 @@ class Rails:
 
     Attributes:
         gap: of free travel on each side [m].
+        deviation: of the gap [m].
         clearance: of the joint beside it [m].
     """
 
     gap: float
+    deviation: float
     clearance: float
 
 
@@ -47,6 +49,7 @@ class Explanation:
         hints: of the first screening.
         suspected: a force without a name that explains more than others, if one does.
         rails: between which the slider moves, if it does.
+        shown: the machine between these rails, where none that was followed explains the recordings.
         balanced: whether the drive and the known loads give the torque that the motion needs.
         unpushed: whether no force on the links would give what they do not.
         pushes: single effects that would, with the (unknowns,) sizes of each.
@@ -57,14 +60,19 @@ class Explanation:
     hints: list[Hint] = field(default_factory=list)
     suspected: Suspected | None = None
     rails: Rails | None = None
+    shown: Attempt | None = None
     balanced: bool = False
     unpushed: bool = False
     pushes: list[tuple[Hypothesis, np.ndarray]] = field(default_factory=list)
 
     @property
     def best(self) -> Attempt:
-        """The attempt with the smallest penalised misfit, of those that may be asserted."""
-        return min([self.nominal, *(a for a in self.attempts if not a.withdrawn)], key=penalised)
+        """The attempt with the smallest penalised misfit, of those that may be asserted.
+
+        Where it does not explain the recordings, what the motion alone shows comes before it.
+        """
+        followed = min([self.nominal, *(a for a in self.attempts if not a.withdrawn)], key=penalised)
+        return self.shown if self.shown is not None and not explained(followed) else followed
 
 
 def penalised(attempt: Attempt) -> float:

@@ -15,9 +15,10 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
-from clearance.diagnosis.kinematics.agreement import COMPARED, agreement, loose, profile
-from clearance.diagnosis.kinematics.lift import suggest_gap
-from clearance.diagnosis.kinematics.reconstruction import reconstruct
+from clearance.diagnosis.kinematics.agreement import COMPARED, Alignment, agreement, loose, profile
+from clearance.diagnosis.kinematics.lift import measure_gap, suggest_gap
+from clearance.diagnosis.kinematics.reconstruction import Reconstruction, reconstruct
+from clearance.diagnosis.searching.explanation import Rails
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
@@ -27,7 +28,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 
 GEOMETRIC = ("slider_offset", "second_clearance")
 """Effects that change where the links can be."""
-LOOSE_GUIDE, VERTICAL = "guide_clearance", "slider_vertical"
+LOOSE_GUIDE = "guide_clearance"
 _CLOCK = "timebase"
 
 _MULTIPLES = np.outer([-1.0, 1.0], [0.5, 2.0, 5.0, 15.0, 40.0]).ravel()  # of a plausible size
@@ -37,6 +38,7 @@ _MUCH = 0.25  # by which it falls at least: below, a second gap takes up what a 
 _MISLED = 0.5  # of the disagreement: less is left without a channel whose sensor is at fault
 _RAILED = 0.6  # likewise, between the right rails
 _SHOWN = 5.0  # times the noise: what a slider that leaves its line shows
+_SYSTEMATIC = 0.1  # of a gap: a shoe that tilts lies elsewhere than one that does not
 _CLOSER = 8  # sizes that are compared around the best one
 
 
@@ -100,28 +102,23 @@ def suggest_dimensions(search: Search, channels: Mapping[str, float]) -> list[Di
 
 
 def suggest_guide(search: Search) -> Dimension | None:
-    """Play of the slider in its guide, where its own sensor shows rails and the motion agrees with them.
+    """Play of the slider in its guide, where a sensor of its height shows rails and the motion agrees.
 
     Raises:
         LinAlgError: a linkage that does not turn.
     """
     hypothesis = next((g[0] for g in search.groups.values() if g[0].name == LOOSE_GUIDE), None)
     recordings, alignments, workers = search.recordings, search.alignments, search.workers
-    if hypothesis is None or any(VERTICAL not in one.channels for one in recordings):
+    if hypothesis is None:
         return None
     nominal = search.setting.with_clearance(search.profile.best)
-    paths = [
-        reconstruct(
-            one, nominal.parameters(), loose(nominal), known.speed, known.angle, COMPARED * SAMPLES
-        ).across
-        for one, known in zip(recordings, alignments, strict=True)
-    ]  # fmt: skip
-    sigma = max(float(one.sigma[one.channels.index(VERTICAL)]) for one in recordings)
-    if min(float(path[0].std()) for path in paths) < _SHOWN * sigma:
+    paths = [_compared(one, known, nominal) for one, known in zip(recordings, alignments, strict=True)]
+    sigma = max(path.doubt for path in paths)
+    if not all(path.across.size and path.across[0].std() >= _SHOWN * sigma for path in paths):
         return None
     stiffness = hypothesis.apply(nominal, hypothesis.start).parameters()[Parameter.GUIDE_STIFFNESS]
     period = 1.0 / recordings[0].chain.rate
-    gap = suggest_gap([(path[0], path[1]) for path in paths], float(stiffness), sigma, period)
+    gap = suggest_gap([(path.across[0], path.across[1]) for path in paths], float(stiffness), sigma, period)
     if gap is None:
         return None
     size = np.array([gap])
@@ -136,6 +133,30 @@ def suggest_guide(search: Search) -> Dimension | None:
         f"{beside.best * 1e3:.3f} mm: {share:.0%} of the motion's disagreement are left"
     )
     return Dimension(hypothesis, gap, beside.best, share)
+
+
+def measure_rails(search: Search, guide: Dimension) -> Rails:
+    """How wide the play is that a slider's motion shows, on the path between such rails.
+
+    Args:
+        search: after its nominal stage.
+        guide: of ``suggest_guide``.
+    """
+    machine = guide.hypothesis.apply(search.setting.with_clearance(guide.clearance), np.array([guide.value]))
+    gaps, weights = [], []
+    for one, known in zip(search.recordings, search.alignments, strict=True):
+        path = _compared(one, known, machine)
+        gap, sd = measure_gap(path.across[0], path.across[1], guide.value, path.doubt, 1.0 / one.chain.rate)
+        gaps.append(gap)
+        weights.append(sd**-2)
+    gap = float(np.average(gaps, weights=weights))
+    return Rails(gap, float(np.hypot(sum(weights) ** -0.5, _SYSTEMATIC * gap)), guide.clearance)
+
+
+def _compared(one: Measured, known: Alignment, machine: SliderCrank) -> Reconstruction:
+    return reconstruct(
+        one, machine.parameters(), loose(machine), known.speed, known.angle, COMPARED * SAMPLES
+    )  # fmt: skip
 
 
 def _dimension(search: Search, hypothesis: Hypothesis) -> Dimension | None:

@@ -14,22 +14,23 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import LOOSENESS, POOR, Attempt, refine
+from clearance.diagnosis.following.attempt import ANNEALING, LOOSENESS, POOR, Attempt, refine, tightened
 from clearance.diagnosis.following.growth import BEFORE, ISLAND, TORN, Followed, Start, grow, landed, scale_of
 from clearance.diagnosis.following.horizon import step
 from clearance.diagnosis.following.particles import Found, ways_on
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.searching.explanation import Explanation, Rails
-from clearance.diagnosis.searching.geometry import suggest_guide
+from clearance.diagnosis.searching.geometry import LOOSE_GUIDE, measure_rails, suggest_guide
 from clearance.diagnosis.searching.search import Search, beside
-from clearance.diagnosis.shooting.fit import settle
+from clearance.diagnosis.shooting.fit import fit, settle
 from clearance.diagnosis.shooting.model import Model
 from clearance.errors import InputError
 
 _GAPS = (1.0, 0.95, 1.05, 0.9, 1.1)  # times that which the motion shows
 _MOTION, _KNOWN = (0.01, 0.05), (0.001, 0.003)
 """Standard deviations of clearance and gap, as shares of them: from the motion, from another recording."""
+_SHOWN = 0.15  # of the clearance that the motion shows: by how much it may be wrong
 _GAP = 1  # its place among the unknowns
 _ISLANDS = 8  # of a recording that are tried
 _LIKELY = 10.0  # doubt up to which an island may be right
@@ -54,7 +55,7 @@ def begin_guide(search: Search, explanation: Explanation) -> None:
         return
     if one is None:
         return
-    explanation.rails = Rails(one.value, one.clearance)
+    explanation.rails = measure_rails(search, one)
     held, values = beside(explanation.nominal, [one.hypothesis], np.array([one.value]))
     model = search.setting.model(held)
     values[:, 0] = one.clearance
@@ -67,6 +68,22 @@ def begin_guide(search: Search, explanation: Explanation) -> None:
     if found is not None:
         first, followed = found
         search.keep(explanation, held, lambda: _everywhere(search, held, model, first, followed))
+
+
+def between_rails(search: Search, rails: Rails) -> Attempt | None:
+    """The machine that the motion alone shows between rails, on its paths; nothing is fitted."""
+    hypothesis = next(group[0] for group in search.groups.values() if group[0].name == LOOSE_GUIDE)
+    model = search.setting.model([hypothesis])
+    known = np.array([rails.clearance, rails.gap, search.traces[0].speed])
+    try:
+        traces = [search.retrace(r, model.machine(known)) for r in range(len(search.recordings))]
+        values = np.array([[rails.clearance, rails.gap, trace.speed] for trace in traces])
+        followers = tightened([trace.follower(LOOSENESS) for trace in traces])
+        found = fit(followers, model, values, 0, 1.0, search.workers, scale=ANNEALING[2])
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    reach = np.outer([_SHOWN * rails.clearance, 1.96 * rails.deviation], [1.0, 1.0])
+    return Attempt((hypothesis,), model, found, ANNEALING[2], found.level, followers, reach=reach)
 
 
 def fit_rattling(

@@ -14,8 +14,10 @@ from clearance.diagnosis.searching.search import Search, beside
 from clearance.diagnosis.searching.significance import SURE, margin, unsettled
 from clearance.diagnosis.searching.torn import rejoin_impacts
 from clearance.diagnosis.searching.widen import kinds
+from clearance.diagnosis.sensing.suspicion import disagreement
 
 _FITTED = 4  # hypotheses of one screening that are fitted
+_LOUD = 1.1  # sigma that a channel is off by, where no sensor's fault is to be looked for below
 _ONSET = 0.01  # of what a linear look promises, to begin with
 
 
@@ -38,6 +40,8 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
         explanation.hints = explanation.hints or found.singles
         sure = [replace(hint, values=_begun(hint)) for hint in found.singles if hint.gain > SURE]
         _refit(search, explanation, best, sure)
+        if explanation.best is best:
+            _refit(search, explanation, best, _misheard(search, best))
         if explanation.best is best:
             _refit(search, explanation, best, rejoin_impacts(search, best))
         _compare_kinds(search, explanation, best)
@@ -75,6 +79,29 @@ def _compare_kinds(search: Search, explanation: Explanation, base: Attempt) -> N
             return
         held, rows = beside(base, [hypothesis], values)
         search.refit(explanation, held, base.followers, rows, base.scale, 20)
+
+
+def _misheard(search: Search, base: Attempt) -> list[Hint]:
+    """The fault that would explain the channel which contradicts ``base`` most, if it surely would.
+
+    Where impacts make the signal, one that comes two samples late leaves no slope at no delay.
+    """
+    sigma = [follower.measured.sigma for follower in base.followers]
+    residuals = np.concatenate([
+        (one.predicted - follower.measured.values).reshape(-1, len(level)) / level
+        for one, follower, level in zip(base.fit.passes, base.followers, sigma, strict=True)
+    ])  # fmt: skip
+    each, measured = disagreement(residuals), base.followers[0].measured
+    each[measured.filtered :] = 0.0
+    loudest = int(np.argmax(each))
+    if each[loudest] < _LOUD:
+        return []
+    found = kinds(search, base, base.followers, measured.channels[loudest])
+    hints = [
+        Hint((hypothesis,), values, len(residuals) * float(each[loudest] ** 2 - misfit**2))
+        for hypothesis, values, misfit in found[:1]
+    ]
+    return [hint for hint in hints if hint.gain > SURE]
 
 
 def _refit(search: Search, explanation: Explanation, base: Attempt, hints: Sequence[Hint]) -> None:

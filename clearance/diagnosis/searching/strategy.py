@@ -15,7 +15,7 @@ from clearance.diagnosis.searching.elsewhere import (
 from clearance.diagnosis.searching.explanation import Explanation, Suspected, penalised
 from clearance.diagnosis.searching.free_search import fit_curve, name_curve, reshape, suggest_curve
 from clearance.diagnosis.searching.from_motion import begin_balanced, begin_dimensions, begin_wear
-from clearance.diagnosis.searching.geometry import suggest_channels
+from clearance.diagnosis.searching.geometry import LOOSE_GUIDE, suggest_channels
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.scrutiny import contest, scrutinise
 from clearance.diagnosis.searching.search import FAR, NEARLY, Search
@@ -200,10 +200,19 @@ def _search_all(
 
 
 def _enough(explanation: Explanation) -> bool:
-    """Whether the recordings are explained, or a table leaves so little that its shape alone is missing."""
+    """Whether the recordings are explained, or a table leaves so little that its shape alone is missing.
+
+    Without the play that its motion shows no machine is followed.
+    """
     best = explanation.best
     table = unnamed(best.hypotheses) is not None
+    if explanation.rails is not None and not any(_loose(a) for a in explanation.attempts):
+        return True
     return explained(best) or (table and best.misfit < min(_PART * explanation.nominal.misfit, NEARLY))
+
+
+def _loose(attempt: Attempt) -> bool:
+    return any(hypothesis.name == LOOSE_GUIDE for hypothesis in attempt.hypotheses)
 
 
 def _in_part(attempt: Attempt, base: Attempt) -> bool:

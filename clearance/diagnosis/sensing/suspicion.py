@@ -113,6 +113,12 @@ def suspect(
     return [suspicion for _, suspicion in sorted(found, key=lambda pair: pair[0])]
 
 
+def disagreement(residuals: FloatArray) -> FloatArray:
+    """(channels,) robust root mean square of (samples, channels) residuals [sigma]."""
+    mean: FloatArray = np.mean(2.0 * (np.sqrt(1.0 + (residuals / _OUTLIER) ** 2) - 1.0), axis=0)
+    return _OUTLIER * np.sqrt(mean)
+
+
 def _kinds(
     recorded: FloatArray, predicted: FloatArray, names: list[str], rate: float, column: int
 ) -> list[_Kind]:
@@ -190,9 +196,7 @@ def _fit(kind: _Kind, recorded: FloatArray, scale: float) -> tuple[FloatArray, f
     """(parameters,) that explain a channel best, and the robust root mean square of what remains [sigma]."""
 
     def misfit(values: FloatArray) -> FloatArray:
-        residuals = (kind.seen(values) - recorded[:, None]) / (_OUTLIER * scale)
-        mean: FloatArray = np.mean(2.0 * (np.sqrt(1.0 + residuals**2) - 1.0), axis=0)
-        return _OUTLIER * np.sqrt(mean)
+        return disagreement((kind.seen(values) - recorded[:, None]) / scale)
 
     start = kind.scan[int(np.argmin(misfit(kind.scan)))]
     low, high = np.array(kind.low), np.array(kind.high)

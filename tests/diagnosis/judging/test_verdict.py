@@ -13,14 +13,16 @@ from clearance.diagnosis.judging.verdict import (
     Estimate,
     _root,
     clearance_of,
+    effects_of,
     equivalents,
     free_form_of,
     place_of,
+    probabilities,
     sentences,
     verdict_of,
     withdraw,
 )
-from clearance.diagnosis.searching.explanation import Explanation, Rails, Suspected
+from clearance.diagnosis.searching.explanation import Explanation, Suspected
 from clearance.diagnosis.shooting.fit import Fit
 from clearance.diagnosis.shooting.model import Model, Unknown
 from clearance.mechanism.slider_crank import SliderCrank
@@ -29,14 +31,19 @@ from clearance.mechanism.slider_crank import SliderCrank
 def attempt(names, misfit, kind="physics", off=0.0):
     hypotheses = tuple(
         SimpleNamespace(
-            name=n, kind=kind, unknowns=(SimpleNamespace(name="size"),), off=np.array([off]), effect=None
+            name=n,
+            kind=kind,
+            unknowns=(SimpleNamespace(name="size"),),
+            off=np.array([off]),
+            effect=None,
+            channel=None,
         )
         for n in names
     )
     passes = [SimpleNamespace(samples=10_000)]
     return SimpleNamespace(
         hypotheses=hypotheses, misfit=misfit, level=misfit, scale=1.0 if misfit < 2 else 10.0,
-        withdrawn=False, followers=[],
+        withdrawn=False, reach=None, followers=[],
         fit=SimpleNamespace(passes=passes, cost=10_000 * misfit),
         model=SimpleNamespace(shared=1 + len(names)),
     )  # fmt: skip
@@ -90,28 +97,51 @@ def test_where_nothing_explains_the_clearance_spans_what_comes_near(misfit, expe
     assert (found.value, found.low, found.high) == pytest.approx(expected)
 
 
+def between_rails():
+    """What the motion alone shows: 1 mm of clearance and a gap of 7e-5 m, by 15 and 20 % at most."""
+    shown = attempt(["guide_clearance"], 90.0)
+    shown.hypotheses[0].body, shown.hypotheses[0].direction = "slider", "y"
+    shown.reach = np.outer([1.5e-5, 1.4e-5], [1.0, 1.0])
+    shown.fit.values = np.array([[1e-4, 7e-5, 700.0]])
+    shown.model.unknowns = [SimpleNamespace(low=0.0, high=1e-2)] * 2
+    return shown
+
+
 @pytest.mark.parametrize(("misfit", "followed"), [(1.0, True), (40.0, False)])
-def test_rails_that_the_motion_shows_count_where_nothing_is_followed(misfit, followed, monkeypatch):
-    monkeypatch.setattr(verdict, "estimates", lambda _: [Estimate(5e-4, 4.9e-4, 5.1e-4)])
+def test_what_the_motion_alone_shows_is_asserted_where_nothing_is_followed(misfit, followed, monkeypatch):
     best = attempt(["gravity"], misfit)
     best.hypotheses[0].body, best.hypotheses[0].direction = "rod", "x"
-    explanation = Explanation(attempt([], 50.0), [best], rails=Rails(7e-5, 1e-4))
+    explanation = Explanation(attempt([], 50.0), [best], shown=between_rails())
+    if followed:
+        sure = [Estimate(5e-4, 4.9e-4, 5.1e-4), Estimate(2.0, 1.9, 2.1)]
+        monkeypatch.setattr(verdict, "estimates", lambda _: sure)
+    withdraw(explanation)
+    held_out = attempt(["guide_clearance"], 80.0)
+    assert verdict_of(explanation, held_out) == ("unknown" if followed else "physics")
+    if followed:
+        assert explanation.best is best
+        assert place_of(explanation) == ("rod", "x")
+        assert clearance_of(explanation).value == 5e-4
+        return
     found = clearance_of(explanation)
-    assert place_of(explanation) == (("rod", "x") if followed else ("slider", "y"))
-    expected = (5e-4, 4.9e-4, 5.1e-4) if followed else (1e-4, 0.85e-4, 1.15e-4)
-    assert (found.value, found.low, found.high) == pytest.approx(expected)
+    assert place_of(explanation) == ("slider", "y")
+    assert (found.value, found.low, found.high) == pytest.approx((1e-4, 0.85e-4, 1.15e-4))
+    (effect,) = effects_of(explanation.best, probabilities(explanation))
+    assert effect["basis"] == "motion"
+    assert effect["probability"] is None
+    size = effect["parameters"]["size"]
+    assert (size["low"], size["high"]) == pytest.approx((5.6e-5, 8.4e-5))
 
 
-def test_rails_that_the_motion_shows_are_told_and_not_asserted():
+def test_what_the_motion_alone_shows_is_said_to_be_no_more_than_that():
     nominal = attempt([], 50.0)
     nominal.fit.values = np.array([[5e-4, 700.0]])
-    explanation = Explanation(nominal, rails=Rails(7e-5, 1e-4))
-    fit = {"held_out": {"before": 9.0, "after": 9.0}}
-    told = sentences("unknown", explanation, "C", fit, ["slider_vertical"])
-    assert "acts on the slider (y)" in told[1]
-    assert "70 µm" in told[2]
-    assert "0.100 mm" in told[2]
-    assert "not asserted" in told[2]
+    explanation = Explanation(nominal, shown=between_rails())
+    fit = {"held_out": {"before": 9.0, "after": 8.0}}
+    told = sentences("physics", explanation, "C", fit, ["slider_vertical"])
+    assert "motion alone" in told[0]
+    assert "what else may be missing" in told[0]
+    assert "errors remain (8, floor 1.00)" in told[1]
 
 
 def test_an_effect_that_may_as_well_be_off_is_withdrawn(monkeypatch):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.kinematics.agreement import profile
-from clearance.diagnosis.kinematics.lift import lift, suggest_gap
+from clearance.diagnosis.kinematics.lift import lift, measure_gap, suggest_gap
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.mechanism.guide import LooseGuide
 from clearance.simulation.layout import Signal, State
@@ -55,6 +55,16 @@ def test_the_gap_is_told_by_the_slider_s_acceleration(gap):
     assert suggest_gap([(values, push)], STIFFNESS, sigma, PERIOD) == pytest.approx(reach, rel=0.15)
 
 
+@pytest.mark.parametrize("noise", [0.01, 0.05])
+@pytest.mark.parametrize("start", [0.7, 1.4])
+def test_the_gap_is_measured_by_what_lies_between_the_rails(noise, start):
+    height, _, acceleration = bounce(GAP, 3000)
+    values, push, sigma = seen(acceleration, noise)
+    gap, deviation = measure_gap(values, push, start * GAP, sigma, PERIOD)
+    assert gap == pytest.approx(np.abs(height).max(), abs=2.0 * deviation)
+    assert deviation < 0.2 * gap
+
+
 def test_a_slider_that_swings_with_its_frame_shows_no_rails():
     # a spring holds it: the force is opposite to the height, as with rails, but grows with it; turn the sign
     time = PERIOD * np.arange(2000)
@@ -86,6 +96,21 @@ def test_a_gap_without_a_sensor_across_the_guide_is_not_looked_for():
     known = own.aligned(states)
     found = reconstruct(measured, made.parameters(), ("C",), known.speed, known.angle)
     assert found.across.shape == (2, 0)
+
+
+def test_where_c_is_ideal_the_rod_s_sensors_feel_how_the_slider_moves_across_its_guide(monkeypatch):
+    made = own.machine("B", 1e-4, guide=LooseGuide(gap=7e-5))
+    across = {}
+    for sensors in (own.SENSORS, (*own.SENSORS, Signal.SLIDER_VERTICAL)):
+        monkeypatch.setattr(own, "SENSORS", sensors)
+        measured, states = own.recorded(made)
+        known = own.aligned(states)
+        across[len(sensors)] = reconstruct(
+            measured, made.parameters(), ("B",), known.speed, known.angle
+        ).across[0, 50:-50]
+    without, own_sensor = across.values()
+    assert np.corrcoef(without, own_sensor)[0, 1] > 0.95
+    assert without.std() == pytest.approx(own_sensor.std(), rel=0.1)
 
 
 def test_a_motion_that_no_linkage_makes_is_refused():
