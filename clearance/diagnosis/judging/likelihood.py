@@ -11,7 +11,7 @@ Reference: profile likelihood, Venzon & Moolgavkar 1988, Applied Statistics 37(1
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, tightened
-from clearance.diagnosis.judging.verdict import covariance, deviations
+from clearance.diagnosis.shooting.covariance import covariance, deviations
 from clearance.diagnosis.shooting.fit import fit, settle
 from clearance.errors import InputError
 

@@ -11,14 +11,9 @@ from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.hypotheses.missing_force import FREE_FORM, unnamed
 from clearance.diagnosis.searching.explanation import Explanation, penalised
 from clearance.diagnosis.searching.significance import beats, margin, suspicious, unsettled
-from clearance.diagnosis.shooting.fit import Fit
+from clearance.diagnosis.shooting.covariance import deviations
 from clearance.mechanism.applied_force import TabulatedForce, shares
 
-_BLOCK = 5  # segments that count as one in the robust covariance
-_BLIND, _UNSEEN = (
-    1e-8,
-    1e-16,
-)  # share of its information that a direction is seen with; what it counts with if not
 _PUSHES = {"torque": "torque", "moment": "moment"}
 _ALONG = 4  # points from knot to knot at which a spline is given
 _WORSE = 1.02  # and ratio of their levels
@@ -34,57 +29,6 @@ class Estimate:
     value: float
     low: float
     high: float
-
-
-def deviations(fit: Fit, combined: np.ndarray | None = None) -> np.ndarray:
-    """(P,) or (N,) standard deviations of shared parameters: the larger of own and block-robust ones.
-
-    Args:
-        fit: of a model.
-        combined: (N, P) combinations of the parameters, whose deviations are wanted instead.
-
-    Reference: White 1982, Econometrica 50(1), 1-25 (sandwich); blocks, since neighbouring segments share
-    what the states could not explain.
-    """
-    model = fit.model
-    shared, count = model.shared, len(model.unknowns)
-    own = count - shared
-    root = _root(fit.information)
-    total = len(fit.information)
-    middle = np.zeros((total, total))
-    for r, one in enumerate(fit.passes):
-        places = [*range(shared), *range(shared + r * own, shared + (r + 1) * own)]
-        scale = 1.0 / np.array([model.step(fit.values[r], i) for i in range(count)])
-        scores = one.parts * scale
-        blocks = len(scores) // _BLOCK
-        summed = scores[: blocks * _BLOCK].reshape(blocks, _BLOCK, count).sum(axis=1)
-        middle[np.ix_(places, places)] += summed.T @ summed
-    rows = np.eye(shared, total) if combined is None else np.pad(combined, ((0, 0), (0, total - shared)))
-    seen = rows @ root  # what nobody sees cancels here, before it is squared
-    robust = np.einsum("ij,jk,ik->i", seen, root.T @ middle @ root, seen)
-    return np.sqrt(np.maximum(np.maximum(robust, 0.0), (seen**2).sum(axis=1)))
-
-
-def covariance(fit: Fit) -> np.ndarray:
-    """(P, P) of all parameters, shared ones first; huge along what the recordings say nothing about."""
-    root = _root(fit.information)
-    return root @ root.T
-
-
-def _root(information: np.ndarray) -> np.ndarray:
-    """(P, P) root of the covariance, which is huge along what the recordings say nothing about.
-
-    Its product with its own transpose is the inverse of the information.
-
-    A direction that derivatives by differences leave below ``_BLIND`` of what its parameters would tell alone
-    is no direction that was seen: a motor's no-load speed beside the unknown speed, for example.
-    """
-    clean = np.nan_to_num(information, nan=0.0, posinf=0.0, neginf=0.0)  # a segment that does not run
-    unit = np.sqrt(np.where(np.diag(clean) > 0.0, np.diag(clean), 1.0))
-    values, vectors = np.linalg.eigh(clean / np.outer(unit, unit))
-    seen = np.where(values > _BLIND, values, _UNSEEN)
-    root: np.ndarray = vectors / np.sqrt(seen) / unit[:, None]
-    return root
 
 
 def estimates(attempt: Attempt) -> list[Estimate]:
@@ -292,9 +236,13 @@ def sentences(
         names = " or ".join(" with ".join(h.name for h in a.hypotheses) for a in others)
         lines.append(f"With these sensors it cannot be told from {names}.")
     if best is explanation.shown:
+        one = explanation.rails is not None and explanation.rails.followed
         lines.append(
-            "The motion alone shows this: the slider moves as if between rails. No such machine was kept on "
-            "the recordings through its strikes, so that nothing is said of what else may be missing."
+            "One recording was followed so through its strikes, others were not: what else may be missing "
+            "there is not said."
+            if one
+            else "The motion alone shows this: the slider moves as if between rails. No such machine was "
+            "kept on the recordings through its strikes: what else may be missing is not said."
         )
         gain = f"One-step errors remain ({held['after']:.3g}, floor 1.00)"
     lines.append(

@@ -13,7 +13,7 @@ force of the contact by so much that the motion's forces are not known any more.
 Reference: Lanczos 1970, The Variational Principles of Mechanics, ch. IV.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import pi
 
 import numpy as np
@@ -54,10 +54,12 @@ class Suggested:
     Attributes:
         forces: effects that leave little of the imbalance, alone or two together, the best first.
         balanced: whether there is none to speak of.
+        pairs: two effects together, of which neither need do much alone, the best first.
     """
 
     forces: list[Balanced]
     balanced: bool
+    pairs: list[Balanced] = field(default_factory=list)
 
 
 def suggest_forces(
@@ -85,15 +87,17 @@ def suggest_forces(
     if before < _QUIET:
         return Suggested([], balanced=True)
     singles = _singles(search, balance, machine)
-    pairs = []
+    pairs, clear = [], []
     for first in [one for one in singles if one.cost < _PROMISING * before][:_FIRST]:
         for other in singles:
             if other.hypotheses[0].name == first.hypotheses[0].name:
                 continue
-            pair = balance.tried(first.hypotheses + other.hypotheses, np.append(first.values, other.values))
-            if pair is not None and pair.cost < _BOTH * min(first.cost, other.cost):
+            pair = balance.together(first, other)
+            if pair is not None:
                 pairs.append(pair)
-    found = [one for one in [*singles, *pairs] if one.cost < (1.0 - _TAKEN * one.sizes) * before]
+            if pair is not None and pair.cost < _BOTH * min(first.cost, other.cost):
+                clear.append(pair)
+    found = [one for one in [*singles, *clear] if one.cost < (1.0 - _TAKEN * one.sizes) * before]
     if not named:
         found += balance.tables(_FREE * before)
         if min((one.cost for one in found), default=before) > _RHYTHM * before and not search.late():
@@ -104,7 +108,8 @@ def suggest_forces(
         search.report(
             f"  the balance of work agrees with {one.label} = {shown}: {one.cost / before:.1%} are left"
         )
-    return Suggested(found, balanced=before < _BALANCED and not found)
+    pairs.sort(key=lambda one: one.price)
+    return Suggested(found, before < _BALANCED and not found, pairs)
 
 
 def suggest_names(search: Search, machine: SliderCrank, clearance: float) -> list[Balanced]:

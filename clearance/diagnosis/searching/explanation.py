@@ -11,17 +11,19 @@ from clearance.diagnosis.searching.screening import Hint
 
 @dataclass(frozen=True)
 class Rails:
-    """What the motion alone says of a slider that is loose in its guide.
+    """A slider that is loose in its guide, where not all recordings could be followed.
 
     Attributes:
-        gap: of free travel on each side [m].
-        deviation: of the gap [m].
         clearance: of the joint beside it [m].
+        gap: of free travel on each side [m].
+        deviations: (2,) standard deviations of both [m].
+        followed: whether one recording was, and tells both; else the motion alone.
     """
 
-    gap: float
-    deviation: float
     clearance: float
+    gap: float
+    deviations: np.ndarray
+    followed: bool = False
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class Explanation:
         attempts: hypotheses that were fitted, best first.
         hints: of the first screening.
         suspected: a force without a name that explains more than others, if one does.
-        rails: between which the slider moves, if it does.
+        rails: between which the slider moves, if it does and not all recordings are followed so.
         shown: the machine between these rails, where none that was followed explains the recordings.
         balanced: whether the drive and the known loads give the torque that the motion needs.
         unpushed: whether no force on the links would give what they do not.

@@ -15,23 +15,28 @@ from clearance.diagnosis.searching.free_search import refine_table
 from clearance.diagnosis.searching.geometry import suggest_dimensions
 from clearance.diagnosis.searching.search import HALFWAY, NEARLY, Search, beside
 from clearance.diagnosis.searching.wear import suggest_wear
+from clearance.diagnosis.searching.work import Balanced
 from clearance.errors import InputError
 
-_FITTED = 3  # of the forces that are suggested
+_FITTED, _PAIRS = 3, 5  # of the forces that are suggested, and of pairs
 _NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
 
 
-def begin_balanced(search: Search, explanation: Explanation) -> None:
-    """Fit effects that give the torque which the motion needs, where the path is not near."""
+def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
+    """Fit effects that give the torque which the motion needs, where the path is not near.
+
+    Returns:
+        Two effects that give it together, the best first; see ``begin_pairs``.
+    """
     nominal = explanation.nominal
     if nominal.misfit < NEARLY:
-        return
+        return []
     try:
         suggested = suggest_forces(search, search.setting, search.profile.best)
     except np.linalg.LinAlgError:
-        return
+        return []
     if suggested is None:
-        return
+        return []
     explanation.balanced, explanation.unpushed = suggested.balanced, not suggested.forces
     explanation.pushes = [
         (one.hypotheses[0], one.values)
@@ -59,6 +64,35 @@ def begin_balanced(search: Search, explanation: Explanation) -> None:
             refine_table(search, explanation, table, found)
         nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
         if explained(explanation.best) or nearly or search.late() or len(known) == _FITTED:
+            break
+    return suggested.pairs
+
+
+def begin_pairs(search: Search, explanation: Explanation, pairs: Sequence[Balanced]) -> None:
+    """Fit two effects that give the torque together, where the path is far and no effect alone was near.
+
+    Around impacts the motion leaves torques that nothing gives: what is right takes away little more than
+    what is not, but then it follows.
+
+    Args:
+        search: after its nominal stage.
+        explanation: added to.
+        pairs: that the balance of work suggests, the best first.
+    """
+    nominal, tried = explanation.nominal, list[set[str]]()
+    for pair in pairs:
+        names = {hypothesis.name for hypothesis in pair.hypotheses}
+        if names in tried:
+            continue
+        tried.append(names)
+        try:
+            settled = settle_in(search, search.setting, pair)
+        except (InputError, np.linalg.LinAlgError):
+            continue
+        shown = ", ".join(f"{value:.4g}" for value in settled.values)
+        search.report(f"  {pair.label} = {shown} goes with a clearance of {settled.clearance * 1e3:.3f} mm")
+        _fit(search, explanation, nominal, pair.hypotheses, settled.values, settled.clearance, anew=True)
+        if explanation.best.misfit < _NEARLY_ALL * nominal.misfit or search.late() or len(tried) == _PAIRS:
             return
 
 

@@ -38,7 +38,7 @@ _MUCH = 0.25  # by which it falls at least: below, a second gap takes up what a 
 _MISLED = 0.5  # of the disagreement: less is left without a channel whose sensor is at fault
 _RAILED = 0.6  # likewise, between the right rails
 _SHOWN = 5.0  # times the noise: what a slider that leaves its line shows
-_SYSTEMATIC = 0.1  # of a gap: a shoe that tilts lies elsewhere than one that does not
+_SYSTEMATIC = 0.1  # of a clearance or a gap: a shoe that tilts lies elsewhere than one that does not
 _CLOSER = 8  # sizes that are compared around the best one
 
 
@@ -150,7 +150,9 @@ def measure_rails(search: Search, guide: Dimension) -> Rails:
         gaps.append(gap)
         weights.append(sd**-2)
     gap = float(np.average(gaps, weights=weights))
-    return Rails(gap, float(np.hypot(sum(weights) ** -0.5, _SYSTEMATIC * gap)), guide.clearance)
+    doubts = [sum(weights) ** -0.5, _SYSTEMATIC * gap, gap - guide.value]  # two ways to tell it may differ
+    deviations = np.array([_SYSTEMATIC * guide.clearance, float(np.linalg.norm(doubts))])
+    return Rails(guide.clearance, gap, deviations)
 
 
 def _compared(one: Measured, known: Alignment, machine: SliderCrank) -> Reconstruction:

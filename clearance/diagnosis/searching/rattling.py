@@ -14,7 +14,15 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import ANNEALING, LOOSENESS, POOR, Attempt, refine, tightened
+from clearance.diagnosis.following.attempt import (
+    ANNEALING,
+    LOOSENESS,
+    POOR,
+    Attempt,
+    explained,
+    refine,
+    tightened,
+)
 from clearance.diagnosis.following.growth import BEFORE, ISLAND, TORN, Followed, Start, grow, landed, scale_of
 from clearance.diagnosis.following.horizon import step
 from clearance.diagnosis.following.particles import Found, ways_on
@@ -23,6 +31,7 @@ from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.searching.explanation import Explanation, Rails
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE, measure_rails, suggest_guide
 from clearance.diagnosis.searching.search import Search, beside
+from clearance.diagnosis.shooting.covariance import deviations
 from clearance.diagnosis.shooting.fit import fit, settle
 from clearance.diagnosis.shooting.model import Model
 from clearance.errors import InputError
@@ -30,7 +39,6 @@ from clearance.errors import InputError
 _GAPS = (1.0, 0.95, 1.05, 0.9, 1.1)  # times that which the motion shows
 _MOTION, _KNOWN = (0.01, 0.05), (0.001, 0.003)
 """Standard deviations of clearance and gap, as shares of them: from the motion, from another recording."""
-_SHOWN = 0.15  # of the clearance that the motion shows: by how much it may be wrong
 _GAP = 1  # its place among the unknowns
 _ISLANDS = 8  # of a recording that are tried
 _LIKELY = 10.0  # doubt up to which an island may be right
@@ -68,10 +76,12 @@ def begin_guide(search: Search, explanation: Explanation) -> None:
     if found is not None:
         first, followed = found
         search.keep(explanation, held, lambda: _everywhere(search, held, model, first, followed))
+        if not explained(explanation.best):
+            explanation.rails = _told(held, model, followed) or explanation.rails
 
 
 def between_rails(search: Search, rails: Rails) -> Attempt | None:
-    """The machine that the motion alone shows between rails, on its paths; nothing is fitted."""
+    """The machine that was seen between rails, on the paths that the motion shows; nothing is fitted."""
     hypothesis = next(group[0] for group in search.groups.values() if group[0].name == LOOSE_GUIDE)
     model = search.setting.model([hypothesis])
     known = np.array([rails.clearance, rails.gap, search.traces[0].speed])
@@ -82,8 +92,18 @@ def between_rails(search: Search, rails: Rails) -> Attempt | None:
         found = fit(followers, model, values, 0, 1.0, search.workers, scale=ANNEALING[2])
     except (InputError, np.linalg.LinAlgError):
         return None
-    reach = np.outer([_SHOWN * rails.clearance, 1.96 * rails.deviation], [1.0, 1.0])
+    reach = 1.96 * np.repeat(rails.deviations[:, None], 2, axis=1)
     return Attempt((hypothesis,), model, found, ANNEALING[2], found.level, followers, reach=reach)
+
+
+def _told(held: Sequence[Hypothesis], model: Model, followed: Followed) -> Rails | None:
+    """What one recording tells that was followed, if it was to the end."""
+    follower, row, misfit = followed
+    alone = refine(held, model, [follower], row[None], scale_of(misfit), 8)
+    if not explained(alone):
+        return None
+    clearance, gap = alone.fit.values[0, :2]
+    return Rails(float(clearance), float(gap), deviations(alone.fit), followed=True)
 
 
 def fit_rattling(

@@ -181,6 +181,7 @@ class Search:
         model: Model | None = None,
         base: Attempt | None = None,
         patient: bool = False,
+        insist: bool = False,
     ) -> Attempt | None:
         """Follow all recordings step by step with a model, and fit it to all of them.
 
@@ -192,9 +193,12 @@ class Search:
             model: of the hypotheses; with its usual unknowns if ``None``.
             base: an attempt that the first recording must be followed clearly better with than it is.
             patient: as of ``grow``.
+            insist: whether each recording may be the first one: values that are nearly right may be lost at
+                one of its impacts and not at another's.
         """
         model = self.setting.model(hypotheses) if model is None else model
-        grown = self._grown(self.starts if starts is None else starts, model, values, limit, base, patient)
+        starts = self.starts if starts is None else starts
+        grown = self._grown(starts, model, values, limit, base, patient, insist)
         if grown is None:
             return None
         followers, rows, misfit = grown
@@ -208,14 +212,19 @@ class Search:
         limit: float,
         base: Attempt | None,
         patient: bool,
+        insist: bool,
     ) -> tuple[list[Follower], np.ndarray, float] | None:
         """Followers, values and misfit: the surest recording first, the others with what it tells."""
         order = [int(r) for r in np.argsort([start.doubt for start in starts])]
         rows, shared = values.copy(), model.shared
-        found = grow(starts[order[0]], model, rows[order[0]], limit, patient=patient)
-        if found is None or (base is not None and found[2] > enough(base, order[0])):
+        for first in order if insist else order[:1]:
+            found = grow(starts[first], model, rows[first], limit, patient=patient)
+            if found is not None and (base is None or found[2] <= enough(base, first)):
+                break
+        else:
             return None
-        grown = {order[0]: found}
+        order.remove(first)
+        grown = {first: found}
         rows[:, :shared] = found[1][:shared]
         # what one recording tells of the machine holds for the others, if it followed
         kept = list(range(shared if found[2] < FOLLOWED else 0, rows.shape[1]))
@@ -225,7 +234,7 @@ class Search:
             return None if other is None else (other[0], np.append(rows[r, : kept[0]], other[1]), other[2])
 
         with ThreadPoolExecutor(self.workers) as pool:
-            for r, other in zip(order[1:], pool.map(one, order[1:]), strict=True):
+            for r, other in zip(order, pool.map(one, order), strict=True):
                 if other is None:
                     return None
                 grown[r] = other

@@ -14,7 +14,12 @@ from clearance.diagnosis.searching.elsewhere import (
 )
 from clearance.diagnosis.searching.explanation import Explanation, Suspected, penalised
 from clearance.diagnosis.searching.free_search import fit_curve, name_curve, reshape, suggest_curve
-from clearance.diagnosis.searching.from_motion import begin_balanced, begin_dimensions, begin_wear
+from clearance.diagnosis.searching.from_motion import (
+    begin_balanced,
+    begin_dimensions,
+    begin_pairs,
+    begin_wear,
+)
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE, suggest_channels
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.scrutiny import contest, scrutinise
@@ -24,6 +29,7 @@ from clearance.diagnosis.searching.simplify import enlarge, prune, retry_nominal
 from clearance.diagnosis.searching.small_force import begin_small_force
 from clearance.diagnosis.searching.wear import WORN
 from clearance.diagnosis.searching.widen import deafen, glaring, look, settled, widen
+from clearance.diagnosis.searching.work import Balanced
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
 _ROOM = 1.03  # misfit above which an effect that explains may have more parameters
@@ -86,6 +92,7 @@ def _search_all(
     built_on: list[Attempt] = []
     explored = False
     waiting: list[Curve] = []
+    pushed: list[Balanced] = []
     suspicious = cache(lambda: suggest_channels(search))
     deafened: list[str] = []
 
@@ -98,7 +105,7 @@ def _search_all(
             deafen(search, explanation, nominal, channel)
 
     def balance() -> None:
-        begin_balanced(search, explanation)
+        pushed.extend(begin_balanced(search, explanation))
 
     def plain() -> None:
         widen(search, explanation, nominal, prospects.plain)
@@ -117,6 +124,10 @@ def _search_all(
 
     def likely() -> None:
         widen(search, explanation, nominal, prospects.likely)
+
+    def together() -> None:
+        if most > 1 and nominal.misfit > FAR and not (built_on or settled(search, explanation, nominal)):
+            begin_pairs(search, explanation, pushed)
 
     def unlikely() -> None:
         widen(search, explanation, nominal, [h for h in prospects.unlikely if h.hypotheses[0].fault is None])
@@ -187,9 +198,9 @@ def _search_all(
             begin_again(search, explanation)
 
     steps = (
-        sensor, build_on, balance, build_on, plain, motion, build_on, inside, likely, build_on, unlikely,
-        build_on, curve, elsewhere, build_on, unlikely_faults, build_on, pair, build_on, other_curve,
-        again, build_on,
+        sensor, build_on, balance, build_on, plain, motion, build_on, inside, likely, build_on, together,
+        build_on, unlikely, build_on, curve, elsewhere, build_on, unlikely_faults, build_on, pair, build_on,
+        other_curve, again, build_on,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):

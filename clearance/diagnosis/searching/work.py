@@ -151,6 +151,14 @@ class Balance:
         found = [one for trial, start in starts if (one := self.tried((trial,), start)) is not None]
         return min(found, key=lambda one: one.cost, default=None)
 
+    def together(self, first: Balanced, other: Balanced) -> Balanced | None:
+        """Two effects from what each was alone; a second one's edges, if it has any, all along the stroke."""
+        hypotheses, starts = first.hypotheses + other.hypotheses, [other.values]
+        if other.hypotheses[0].name == EDGED:
+            starts += self._edges(other.hypotheses[0])
+        found = [self.tried(hypotheses, np.append(first.values, start)) for start in starts]
+        return min([one for one in found if one is not None], key=lambda one: one.cost, default=None)
+
     def _edges(self, hypothesis: Hypothesis) -> list[np.ndarray]:
         """Starts of a load over a part of the stroke, all along it."""
         names = [unknown.name for unknown in hypothesis.unknowns]

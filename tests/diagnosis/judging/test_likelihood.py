@@ -6,7 +6,8 @@ import pytest
 from clearance.diagnosis.following.attempt import Attempt
 from clearance.diagnosis.judging import likelihood
 from clearance.diagnosis.judging.likelihood import ask_likelihood
-from clearance.diagnosis.judging.verdict import deviations, estimates
+from clearance.diagnosis.judging.verdict import estimates
+from clearance.diagnosis.shooting.covariance import deviations
 from clearance.diagnosis.shooting.fit import fit
 from tests.diagnosis.shooting.test_follow import MODEL, TRUTH, follower
 

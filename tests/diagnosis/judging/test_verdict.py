@@ -11,7 +11,6 @@ from clearance.diagnosis.hypotheses.missing_force import FREE_FORM, Curve, free_
 from clearance.diagnosis.judging import verdict
 from clearance.diagnosis.judging.verdict import (
     Estimate,
-    _root,
     clearance_of,
     effects_of,
     equivalents,
@@ -22,7 +21,7 @@ from clearance.diagnosis.judging.verdict import (
     verdict_of,
     withdraw,
 )
-from clearance.diagnosis.searching.explanation import Explanation, Suspected
+from clearance.diagnosis.searching.explanation import Explanation, Rails, Suspected
 from clearance.diagnosis.shooting.fit import Fit
 from clearance.diagnosis.shooting.model import Model, Unknown
 from clearance.mechanism.slider_crank import SliderCrank
@@ -142,6 +141,8 @@ def test_what_the_motion_alone_shows_is_said_to_be_no_more_than_that():
     assert "motion alone" in told[0]
     assert "what else may be missing" in told[0]
     assert "errors remain (8, floor 1.00)" in told[1]
+    explanation.rails = Rails(1e-4, 7e-5, np.array([1e-7, 1e-7]), followed=True)
+    assert "One recording was followed" in sentences("physics", explanation, "C", fit, ["slider_vertical"])[0]
 
 
 def test_an_effect_that_may_as_well_be_off_is_withdrawn(monkeypatch):
@@ -209,19 +210,6 @@ def test_a_spline_is_given_so_closely_that_lines_join_its_points():
     band = np.array(found["high"]) - force
     np.testing.assert_allclose(band[::4], 1.96 * 0.1 * np.sqrt(0.75), rtol=1e-3)
     assert (band > 0.0).all()
-
-
-def test_what_derivatives_leave_of_an_unseen_direction_is_no_knowledge():
-    unit = np.array([1e6, 1.0, 1e-3])
-    seen = np.array([[2.0, 1.0, 0.1], [1.0, 3.0, 0.2], [0.1, 0.2, 1.0]])
-    information = seen * np.outer(unit, unit)
-    root = _root(information)
-    np.testing.assert_allclose(root @ root.T, np.linalg.inv(information), rtol=1e-9)
-    # the second parameter does what the first does, but for rounding of the derivatives
-    twins = np.array([[1.0, 1.0, 0.1], [1.0, 1.0 + 1e-9, 0.1], [0.1, 0.1, 1.0]]) * np.outer(unit, unit)
-    deviation = np.linalg.norm(_root(twins), axis=1) * unit
-    assert (deviation[:2] > 1e6).all()
-    assert deviation[2] == pytest.approx(1.0, rel=0.02)
 
 
 @pytest.mark.parametrize(("misfit", "expected"), [(1.6, ("slider", "x")), (3.0, ("joint_b", "normal"))])

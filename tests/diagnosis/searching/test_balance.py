@@ -94,6 +94,21 @@ def test_a_load_over_a_part_of_the_stroke_begins_and_ends_where_it_does():
     np.testing.assert_allclose(found.values[1:], [0.1096, 0.1476], atol=1e-3)  # of a stroke of 0.1 m
 
 
+def test_a_load_beside_a_spring_is_found_where_the_one_alone_spans_the_stroke():
+    search = traced(
+        replace(NOMINAL, spring=LinearSpring(700.0, 0.106), process=ConstantProcess(27.0, 0.1065, 0.143))
+    )
+    balance = Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4)
+    spring, load = (search.groups[label][0] for label in (
+        "slider_spring(stiffness, free_position)", "process_load(force, start, end)",
+    ))  # fmt: skip
+    alone = [balance.best([spring]), balance.best([load])]
+    assert alone[1].values[2] > 0.16  # it does some of what the spring does
+    found = balance.together(*alone)
+    np.testing.assert_allclose(found.values[:2], [700.0, 0.106], rtol=0.15)
+    np.testing.assert_allclose(found.values[3:], [0.1065, 0.143], atol=3e-3)
+
+
 def test_a_table_is_known_for_the_load_that_it_is():
     machine = SETTING.with_clearance(3e-4)
     place = np.linspace(0.06, 0.16, 12)

@@ -199,7 +199,7 @@ def test_a_sensor_that_the_motion_accuses_comes_before_forces(monkeypatch, misfi
     monkeypatch.setattr(strategy + "glaring", lambda _: None)
     monkeypatch.setattr(strategy + "suggest_channels", lambda _: {"rod_b_axial": left})
     monkeypatch.setattr(strategy + "deafen", lambda *of: asked.append(of[3]))
-    monkeypatch.setattr(strategy + "begin_balanced", lambda *_: asked.append("balance"))
+    monkeypatch.setattr(strategy + "begin_balanced", lambda *_: asked.append("balance") or [])
     _search_all(search, Explanation(nominal), 3, lambda _: None)
     assert asked == [*expected, *([] if expected else ["balance"])]
 
@@ -305,7 +305,7 @@ def test_lobes_are_read_off_the_motion_where_a_look_promises_them_or_no_force_he
     monkeypatch.setattr(strategy + "suggest_channels", lambda _: {})
     monkeypatch.setattr(strategy + "settled", lambda *_: False)
     for name in ("balanced", "guide", "dimensions", "film", "plausible"):
-        monkeypatch.setattr(strategy + f"begin_{name}", lambda *_: None)
+        monkeypatch.setattr(strategy + f"begin_{name}", lambda *_: [])
     monkeypatch.setattr(strategy + "widen", lambda *_: None)
     monkeypatch.setattr(strategy + "begin_wear", lambda *_: asked.append("wear"))
     search = SimpleNamespace(
