@@ -317,8 +317,11 @@ def effect_as_curves(
     Returns:
         Curves, the one that says it best first; none that leaves more than half out.
     """
-    sigmas = [follower.input_sigma for follower in followers]
-    force = patterns(passes, sigmas, slice(0, 1), np.ones(len(INPUTS)))[:, PLACES.index(place), 0]
+    acting = PLACES.index(place)
+    force = np.concatenate([
+        _likened(one, acting) * follower.input_sigma[acting]
+        for one, follower in zip(passes, followers, strict=True)
+    ])  # fmt: skip
     each = [
         arguments_along(one, joint, follower.measured)
         for one, follower in zip(passes, followers, strict=True)
@@ -330,6 +333,17 @@ def effect_as_curves(
         if left < _HALF:
             found.append((left, curve))
     return [curve for _, curve in sorted(found, key=lambda one: one[0])]
+
+
+def _likened(one: Pass, acting: int) -> np.ndarray:
+    """(segments,) size of one unknown force that does most of what the pass's only column does.
+
+    Of all three at once, which turn the crank alike, a little that none of them does would be made of much.
+    """
+    flow = np.nan_to_num(one.system[0][EDGE:-EDGE], nan=0.0, posinf=0.0, neginf=0.0)
+    own, column = flow[:, :, flow.shape[1] + acting], flow[:, :, -1]
+    size: np.ndarray = (own * column).sum(axis=1) / np.maximum((own**2).sum(axis=1), 1e-300)
+    return size
 
 
 def unnamed(hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:

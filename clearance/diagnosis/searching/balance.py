@@ -38,6 +38,7 @@ _TAKEN = 0.12  # of it: what an effect takes away at least for each of its sizes
 _FREE = 0.65  # likewise of a force of free form
 _CLOCKED = 0.45  # of one over time: in a short recording a turn of the crank is a period, too
 _BOTH = 0.4  # of what the better one of two leaves: they are suggested together
+_MORE = 0.95  # of the price of the best one alone: pairs are worth a try
 _PROMISING = 0.9  # of the imbalance: what leaves less may be one of two
 _FIRST = 2  # single effects beside which a second one is looked for
 _SHOWN = 3
@@ -54,7 +55,7 @@ class Suggested:
     Attributes:
         forces: effects that leave little of the imbalance, alone or two together, the best first.
         balanced: whether there is none to speak of.
-        pairs: two effects together, of which neither need do much alone, the best first.
+        pairs: two effects that leave less than any alone, the best first.
     """
 
     forces: list[Balanced]
@@ -108,8 +109,12 @@ def suggest_forces(
         search.report(
             f"  the balance of work agrees with {one.label} = {shown}: {one.cost / before:.1%} are left"
         )
-    pairs.sort(key=lambda one: one.price)
-    return Suggested(found, before < _BALANCED and not found, pairs)
+    alone = min((one.price for one in singles), default=np.inf)
+    more = [
+        one for one in pairs if one.price < _MORE * alone and one.cost < (1.0 - _TAKEN * one.sizes) * before
+    ]
+    more.sort(key=lambda one: one.price)
+    return Suggested(found, before < _BALANCED and not found, more)
 
 
 def suggest_names(search: Search, machine: SliderCrank, clearance: float) -> list[Balanced]:

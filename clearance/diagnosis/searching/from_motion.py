@@ -91,8 +91,11 @@ def begin_pairs(search: Search, explanation: Explanation, pairs: Sequence[Balanc
             continue
         shown = ", ".join(f"{value:.4g}" for value in settled.values)
         search.report(f"  {pair.label} = {shown} goes with a clearance of {settled.clearance * 1e3:.3f} mm")
-        _fit(search, explanation, nominal, pair.hypotheses, settled.values, settled.clearance, anew=True)
-        if explanation.best.misfit < _NEARLY_ALL * nominal.misfit or search.late() or len(tried) == _PAIRS:
+        found = _fit(
+            search, explanation, nominal, pair.hypotheses, settled.values, settled.clearance, anew=True
+        )
+        nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
+        if nearly or search.late() or len(tried) == _PAIRS:
             return
 
 

@@ -198,7 +198,7 @@ def _search_all(
             begin_again(search, explanation)
 
     steps = (
-        sensor, build_on, balance, build_on, plain, motion, build_on, inside, likely, build_on, together,
+        sensor, build_on, balance, build_on, plain, motion, build_on, together, build_on, inside, likely,
         build_on, unlikely, build_on, curve, elsewhere, build_on, unlikely_faults, build_on, pair, build_on,
         other_curve, again, build_on,
     )  # fmt: skip
