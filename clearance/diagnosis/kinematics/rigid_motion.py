@@ -142,29 +142,31 @@ def _place(
 
 @kernel
 def counts(p: Any) -> bool:
-    """Whether a table acts on the slider that is counted here: not over time, not over a contact's force."""
-    return p[Parameter.TABLE_SLIDER_X] != 0.0 and p[Parameter.TABLE_ARGUMENT] < _FORCE_B
+    """Whether a table acts on slider or rod that is counted here: not over time or a contact's force."""
+    acts = p[Parameter.TABLE_SLIDER_X] != 0.0 or p[Parameter.TABLE_ROD_MOMENT] != 0.0
+    return acts and p[Parameter.TABLE_ARGUMENT] < _FORCE_B
 
 
 @kernel
-def _push(
-    p: Any, angle: float, speed: float, rod_angle: float, rod_speed: float, place: float, velocity: float,
-    reaction: float,
-) -> float:  # fmt: skip
-    """What acts on the slider along its guide, beside the joint: spring, process, friction, a table [N].
+def _tabulated(
+    p: Any, angle: float, speed: float, rod_angle: float, rod_speed: float, place: float, velocity: float
+) -> float:
+    """What the table of a force of free form says; nothing over what is not known here."""
+    if not counts(p):
+        return 0.0
+    argument = choose_argument(
+        p, angle, speed, rod_angle, rod_speed, place, velocity, 0.0, 0.0, 0.0, 0.0, 0.0
+    )
+    return float(look_up(p, argument))
 
-    A table over time or over the contact's force is not known here.
-    """
+
+@kernel
+def _push(p: Any, place: float, velocity: float, reaction: float, table: float) -> float:
+    """What acts on the slider along its guide, beside the joint: spring, process, friction, a table [N]."""
     push = spring_force(p, place) + process_force(p, place)
     if p[Parameter.GUIDE_FRICTION_SPEED] > 0.0:
         push += guide_friction(p, velocity, reaction)
-    value = 0.0
-    if counts(p):
-        argument = choose_argument(
-            p, angle, speed, rod_angle, rod_speed, place, velocity, 0.0, 0.0, 0.0, 0.0, 0.0
-        )
-        value = look_up(p, argument)
-    return push + applied(p, Parameter.FORCE_SLIDER_X, value)
+    return push + applied(p, Parameter.FORCE_SLIDER_X, table)
 
 
 @subroutine
@@ -228,9 +230,11 @@ def _one(
     centre_x = bax - to_b * (sine * turn + cosine * swing * swing)
     centre_y = bay + to_b * (cosine * turn - sine * swing * swing)
     cx = -p[Parameter.SLIDER_MASS] * slider
+    table = _tabulated(p, angle, speed, rod_angle, swing, place, slide)
     moment_b = inertia * turn + mass * to_b * (cosine * centre_y - sine * centre_x)
+    moment_b -= applied(p, Parameter.FORCE_ROD_MOMENT, table)
     # friction on the guide follows from the guide's force without it
-    cx += _push(p, angle, speed, rod_angle, swing, place, slide, (moment_b / length + sine * cx) / cosine)
+    cx += _push(p, place, slide, (moment_b / length + sine * cx) / cosine, table)
     cy = (moment_b / length + sine * cx) / cosine
     rod_bx, rod_by = mass * centre_x - cx, mass * centre_y - cy
     needed = u[0] / p[Parameter.CRANK_INVERSE_INERTIA] + crank * (crank_cosine * rod_by - crank_sine * rod_bx)

@@ -18,7 +18,7 @@ from clearance.diagnosis.searching.wear import suggest_wear
 from clearance.diagnosis.searching.work import Balanced
 from clearance.errors import InputError
 
-_FITTED, _PAIRS = 3, 5  # of the forces that are suggested, and of pairs
+_FITTED, _PAIRS = 4, 5  # of the forces that are suggested, and of pairs
 _NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
 
 

@@ -18,6 +18,7 @@ from clearance.diagnosis.sensing.suspicion import disagreement
 
 _FITTED = 4  # hypotheses of one screening that are fitted
 _LOUD = 1.1  # sigma that a channel is off by, where no sensor's fault is to be looked for below
+_LEFT = 0.3  # of it: a fault that is right leaves less
 _ONSET = 0.01  # of what a linear look promises, to begin with
 
 
@@ -93,6 +94,7 @@ def _misheard(search: Search, base: Attempt) -> list[Hint]:
     ])  # fmt: skip
     each, measured = disagreement(residuals), base.followers[0].measured
     each[measured.filtered :] = 0.0
+    each[[measured.channels.index(h.channel) for h in base.hypotheses if h.channel]] = 0.0
     loudest = int(np.argmax(each))
     if each[loudest] < _LOUD:
         return []
@@ -100,6 +102,7 @@ def _misheard(search: Search, base: Attempt) -> list[Hint]:
     hints = [
         Hint((hypothesis,), values, len(residuals) * float(each[loudest] ** 2 - misfit**2))
         for hypothesis, values, misfit in found[:1]
+        if misfit - 1.0 < _LEFT * (each[loudest] - 1.0)  # others take up what a bad impact leaves
     ]
     return [hint for hint in hints if hint.gain > SURE]
 

@@ -32,6 +32,7 @@ from clearance.diagnosis.searching.widen import deafen, glaring, look, settled, 
 from clearance.diagnosis.searching.work import Balanced
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
+_HALF = 0.5  # of what is missing: a named force that leaves less may stand for one without a name
 _ROOM = 1.03  # misfit above which an effect that explains may have more parameters
 _FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
 _MANY, _ACCUSED = 7, 0.4  # channels of which one can be spared; left of the motion's disagreement without it
@@ -48,7 +49,8 @@ def find_explanation(
     near, effects follow that give the torque which the motion needs. Then single effects that promise
     much of what is missing; dimensions and faulty sensors that the motion alone points at; where no force
     gives that torque, a worn bearing, and where the path is far, effects that no linear look can judge;
-    effects and faults that promise a good part. Beside one that explains a good part, the next one, and
+    effects and faults that promise a good part; in the place of one that explains half, a force of free form.
+    Beside one that explains a good part, the next one, and
     both on paths of their own. Then effects that promised little, since beside a path that is far from
     right none promises much; forces of free form on the slider, or with which most of one recording is
     explained; effects that no linear look can judge; faults that promised little; pairs of which neither
@@ -129,6 +131,12 @@ def _search_all(
         if most > 1 and nominal.misfit > FAR and not (built_on or settled(search, explanation, nominal)):
             begin_pairs(search, explanation, pushed)
 
+    def reshaped() -> None:
+        best = explanation.best
+        nearer = best.misfit - 1.0 < _HALF * (nominal.misfit - 1.0)
+        if nearer and best not in built_on and not settled(search, explanation, nominal):
+            reshape(search, explanation, best)
+
     def unlikely() -> None:
         widen(search, explanation, nominal, [h for h in prospects.unlikely if h.hypotheses[0].fault is None])
         if not (built_on or settled(search, explanation, nominal)):
@@ -199,8 +207,8 @@ def _search_all(
 
     steps = (
         sensor, build_on, balance, build_on, plain, motion, build_on, together, build_on, inside, likely,
-        build_on, unlikely, build_on, curve, elsewhere, build_on, unlikely_faults, build_on, pair, build_on,
-        other_curve, again, build_on,
+        build_on, reshaped, unlikely, build_on, curve, elsewhere, build_on, unlikely_faults, build_on, pair,
+        build_on, other_curve, again, build_on,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):

@@ -43,8 +43,11 @@ _EDGES = 9  # places along the stroke where it may begin or end
 _TABLES = {
     ("slider", "x"): ("slider_position", "slider_velocity", "crank_angle"),
     ("crank", "torque"): ("crank_angle",),
+    ("rod", "moment"): ("crank_angle",),
 }
 """Where forces of free form are looked for, as functions of what; over time in ``rhythms``."""
+_CLOCKED = (("slider", "x"), ("crank", "torque"))
+"""Where forces by a clock of their own are looked for."""
 _BLURRED = 0.05  # of a torque's size: what tells two laws of it apart
 
 
@@ -191,7 +194,7 @@ class Balance:
         ends = np.cumsum([len(part) for part in self.beyond])[:-1]
         parts = list(zip(np.split(left, ends), np.split(offsets, ends), self.turnings, strict=True))
         found = []
-        for body, direction in _TABLES:
+        for body, direction in _CLOCKED:
             needed = [
                 Needed(
                     turning.begin + binned(turning.time),

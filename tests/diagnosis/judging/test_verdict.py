@@ -32,7 +32,7 @@ def attempt(names, misfit, kind="physics", off=0.0):
         SimpleNamespace(
             name=n,
             kind=kind,
-            unknowns=(SimpleNamespace(name="size"),),
+            unknowns=(SimpleNamespace(name="size", low=-1e6, high=1e6),),
             off=np.array([off]),
             effect=None,
             channel=None,
@@ -156,6 +156,15 @@ def test_an_effect_that_may_as_well_be_off_is_withdrawn(monkeypatch):
     withdraw(explanation)
     assert doubtful.withdrawn
     assert verdict_of(explanation) == "none"
+
+
+def test_a_limit_that_may_lie_anywhere_is_withdrawn(monkeypatch):
+    limit = attempt(["sensor_saturation"], 0.9, "instrument", off=np.inf)
+    monkeypatch.setattr(
+        verdict, "estimates", lambda _: [Estimate(3e-4, 3e-4, 3e-4), Estimate(100.0, 1.0, 1e6)]
+    )
+    withdraw(Explanation(attempt([], 1.0), [limit]))
+    assert limit.withdrawn
 
 
 def test_an_effect_whose_interval_excludes_off_stays(monkeypatch):

@@ -28,7 +28,9 @@ def base(delay):
         chain=SimpleNamespace(rate=RATE),
     )  # fmt: skip
     one = SimpleNamespace(predicted=impacts.reshape(400, 10, 3))
-    return SimpleNamespace(followers=[SimpleNamespace(measured=measured)], fit=SimpleNamespace(passes=[one]))
+    return SimpleNamespace(
+        followers=[SimpleNamespace(measured=measured)], fit=SimpleNamespace(passes=[one]), hypotheses=()
+    )
 
 
 @pytest.mark.parametrize("delay", [0.0, 2.2e-4])
@@ -42,3 +44,22 @@ def test_impacts_that_one_sensor_shows_late_are_its_delay(delay):
     (hint,) = found
     assert hint.label == "sensor_delay(rod_c_axial, delay)"
     assert hint.values == pytest.approx([delay], abs=2e-6)
+
+
+def test_what_a_bad_impact_leaves_is_no_fault():
+    groups = gather(
+        load_effects(["sensor_saturation", "sensor_gain"]), Setting(SliderCrank(), "C").with_clearance(3e-4),
+        "C", CHANNELS[:2],
+    )  # fmt: skip
+    torn = base(0.0)
+    values = torn.followers[0].measured.values.reshape(-1, 3)
+    values[1000:1100, 0] *= 0.5  # a few impacts are met too hard: a limit would take up some of it
+    assert _misheard(SimpleNamespace(groups=groups), torn) == []
+
+
+def test_a_fault_is_not_found_twice():
+    machine = Setting(SliderCrank(), "C").with_clearance(3e-4)
+    groups = gather(load_effects(["sensor_delay"]), machine, "C", CHANNELS[:2])
+    late = base(2.2e-4)
+    late.hypotheses = (SimpleNamespace(channel=CHANNELS[0]),)
+    assert _misheard(SimpleNamespace(groups=groups), late) == []

@@ -1,0 +1,46 @@
+"""What the balance of work points at together: which pairs are followed, and until when."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.searching import from_motion
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.from_motion import begin_pairs
+from clearance.diagnosis.searching.work import Balanced
+from tests.diagnosis.judging.test_verdict import attempt
+
+
+def pair(*names):
+    hypotheses = tuple(SimpleNamespace(name=name, label=name) for name in names)
+    return Balanced(hypotheses, np.ones(len(names)), 2.0, 3e-4)
+
+
+PAIRS = [
+    pair("slider_spring", "soft_drive"),
+    pair("soft_drive", "slider_spring"),  # the same two
+    pair("slider_spring", "process_load"),
+    pair("process_load", "torque_ripple"),
+    pair("process_load", "rod_inertia"),
+    pair("process_load", "gravity"),
+    pair("process_load", "guide_friction"),
+]
+
+
+@pytest.mark.parametrize(("right", "count"), [("process_load", 2), ("", 5)])
+def test_pairs_are_followed_until_one_nearly_explains(monkeypatch, right, count):
+    tried = []
+
+    def fit(search, explanation, base, hypotheses, values, clearance, anew):
+        assert anew  # the nominal machine's paths are those of a machine that lacks both
+        tried.append({h.name for h in hypotheses})
+        return attempt(["both"], 1.0 if tried[-1] == {"slider_spring", right} else 700.0)
+
+    monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
+    monkeypatch.setattr(from_motion, "_fit", fit)
+    search = SimpleNamespace(setting=None, report=lambda _: None, late=lambda: False)
+    begin_pairs(search, Explanation(attempt([], 1000.0)), PAIRS)
+    assert len(tried) == count
+    assert tried[0] == {"slider_spring", "soft_drive"}
+    assert all(one not in tried[:i] for i, one in enumerate(tried))

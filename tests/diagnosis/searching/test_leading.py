@@ -1,0 +1,41 @@
+"""Which recording leads: the others learn the machine from the one that is followed first."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.searching import search as searching
+from clearance.diagnosis.searching.search import Search
+
+SHARED, SURE = 2, 1  # the second recording's start is the surest
+
+
+@pytest.mark.parametrize(("insist", "leader"), [(False, None), (True, 0)])
+def test_where_the_surest_recording_is_lost_another_leads_if_the_values_were_pointed_at(
+    monkeypatch, insist, leader
+):
+    asked = []
+
+    def grow(start, model, row, limit, patient):
+        asked.append(start.number)
+        lost = start.number == SURE and len(model.unknowns) > 1  # with all unknowns, not with its speed alone
+        return None if lost else (f"path {start.number}", np.full(len(row), 7.0), 0.9)
+
+    monkeypatch.setattr(searching, "grow", grow)
+    monkeypatch.setattr(searching, "refine", lambda held, model, followers, rows, *_: (followers, rows))
+    search = object.__new__(Search)
+    search.workers = 1
+    starts = [SimpleNamespace(number=0, doubt=2.0), SimpleNamespace(number=SURE, doubt=1.0)]
+    model = SimpleNamespace(
+        shared=SHARED, unknowns="abc", only=lambda kept, row: SimpleNamespace(unknowns="abc"[: len(kept)])
+    )
+    found = search.grown((), np.zeros((2, 3)), starts, model=model, insist=insist)
+    if leader is None:
+        assert found is None
+        assert asked == [SURE]
+        return
+    followers, rows = found
+    assert asked == [SURE, leader, SURE]
+    assert followers == ["path 0", "path 1"]
+    np.testing.assert_array_equal(rows, 7.0)
