@@ -18,6 +18,7 @@ _PUSHES = {"torque": "torque", "moment": "moment"}
 _ALONG = 4  # points from knot to knot at which a spline is given
 _WORSE = 1.02  # and ratio of their levels
 _UNITS = {"crank_angle": "rad", "slider_position": "m", "slider_velocity": "m/s", "time": "s"}
+_CLOSED, _AGREED = 0.5, 0.2  # of the clearance that the motion shows: a gap that closed; what it may err by
 _FAR_NEARER = 0.5  # of the best misfit: what leaves less, if of one recording only, says more of the place
 _NEAR = 2.0  # times the best misfit: models that say as much of the clearance, where none explains
 
@@ -113,6 +114,9 @@ def place_of(explanation: Explanation, held_out: Attempt | None = None) -> tuple
     if best is not explanation.shown and _nearer(explanation):
         assert suspected is not None
         return suspected.body, suspected.direction
+    if _cushioned(explanation):
+        assert explanation.agreed is not None
+        return f"joint_{explanation.agreed[0].lower()}", "normal"
     if best.hypotheses:
         return best.hypotheses[0].body, best.hypotheses[0].direction
     if verdict_of(explanation, held_out) == "none":
@@ -129,6 +133,17 @@ def _nearer(explanation: Explanation) -> bool:
     """Whether a force without a name comes far nearer to one recording than what was found does to all."""
     best, suspected = explanation.best, explanation.suspected
     return suspected is not None and not explained(best) and suspected.misfit < _FAR_NEARER * best.misfit
+
+
+def _cushioned(explanation: Explanation) -> bool:
+    """Whether no machine explains and the nearest one closed a gap that the motion shows to be wide.
+
+    What keeps the journal from striking acts in the joint.
+    """
+    best, agreed = explanation.best, explanation.agreed
+    if agreed is None or explained(best) or best is explanation.shown:
+        return False
+    return bool(best.fit.values[0, 0] < _CLOSED * agreed[1])
 
 
 def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str:
@@ -161,12 +176,17 @@ def clearance_of(explanation: Explanation) -> Estimate:
 
     Where nothing does, the interval spans those of all models that are up to twice as far off as the nearest
     one: what is missing may have moved each of them. A slider that leaves its line moves them further than
-    that; then it is the clearance at which the motion agrees between the rails, within what it may err by.
+    that; then it is the clearance at which the motion agrees between the rails, within what it may err by. So
+    it is where a gap was closed that the motion shows to be wide.
     """
     best = explanation.best
     own = estimates(best)[0]
     if explained(best) or best is explanation.shown:
         return own
+    if _cushioned(explanation):
+        assert explanation.agreed is not None
+        shown = explanation.agreed[1]
+        return Estimate(shown, (1.0 - _AGREED) * shown, (1.0 + _AGREED) * shown)
     near = [explanation.nominal, *explanation.attempts]
     each = [estimates(a)[0] for a in near if a.misfit <= _NEAR * best.misfit]
     return Estimate(
@@ -189,7 +209,7 @@ def sentences(
 ) -> list[str]:
     """The diagnosis in plain words, the headline first."""
     best, nominal = explanation.best, explanation.nominal
-    before, after = nominal.fit.values[0, 0] * 1e3, best.fit.values[0, 0] * 1e3
+    before, after = nominal.fit.values[0, 0] * 1e3, clearance_of(explanation).value * 1e3
     held = fit["held_out"]
     if verdict == "none":
         return [
@@ -204,6 +224,7 @@ def sentences(
             "Something is missing that none of the tried hypotheses explains: the nominal model's errors are "
             f"{held['before']:.3g} times those of a perfect one.",
             f"It shows most in {', '.join(channels)}.{guess}",
+            *_gap(explanation),
         ]
     lines = []
     place = 1
@@ -238,6 +259,8 @@ def sentences(
                 f"A force without a name on the {str(body).replace('_', ' ')} ({direction}) comes nearer to "
                 "one recording; no table of it was found that explains all."
             )
+    if verdict == "unknown":
+        lines += _gap(explanation)
     others = equivalents(explanation)[1:] if verdict != "unknown" or curve is not None else []
     if others:
         names = " or ".join(" with ".join(h.name for h in a.hypotheses) for a in others)
@@ -263,6 +286,18 @@ def _rhythm(law: object) -> str:
     """After what a force repeats by a clock of its own, in plain words."""
     period = getattr(law, "period", None)
     return f" and repeats every {period * 1e3:.4g} ms" if period is not None else ""
+
+
+def _gap(explanation: Explanation) -> list[str]:
+    """In plain words, that a gap was closed which the motion shows to be wide."""
+    if not _cushioned(explanation):
+        return []
+    assert explanation.agreed is not None
+    joint, shown = explanation.agreed
+    return [
+        f"The motion shows some {shown * 1e3:.3f} mm of clearance in joint {joint}, where the nearest machine "
+        "hardly has any: something in the joint keeps the journal from striking."
+    ]
 
 
 def located(joints: dict[str, float]) -> list[str]:

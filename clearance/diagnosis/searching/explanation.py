@@ -52,6 +52,7 @@ class Explanation:
         suspected: a force without a name that explains more than others, if one does.
         rails: between which the slider moves, if it does and not all recordings are followed so.
         shown: the machine between these rails, where none that was followed explains the recordings.
+        agreed: joint, and the clearance in it at which the motion agrees best [m], whatever the forces.
         balanced: whether the drive and the known loads give the torque that the motion needs.
         unpushed: whether no force on the links would give what they do not.
         pushes: single effects that would, with the (unknowns,) sizes of each.
@@ -63,6 +64,7 @@ class Explanation:
     suspected: Suspected | None = None
     rails: Rails | None = None
     shown: Attempt | None = None
+    agreed: tuple[str, float] | None = None
     balanced: bool = False
     unpushed: bool = False
     pushes: list[tuple[Hypothesis, np.ndarray]] = field(default_factory=list)

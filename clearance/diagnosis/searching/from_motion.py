@@ -18,7 +18,7 @@ from clearance.diagnosis.searching.wear import suggest_wear
 from clearance.diagnosis.searching.work import Balanced
 from clearance.errors import InputError
 
-_FITTED, _PAIRS = 4, 5  # of the forces that are suggested, and of pairs
+_FITTED, _PAIRS = 3, 5  # of the names that are suggested, of the tables too, and of pairs
 _NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
 
 
@@ -43,12 +43,14 @@ def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
         for one in suggested.forces
         if len(one.hypotheses) == 1 and one.curve is None
     ]
-    known: list[set[str]] = []  # one variant of each effect, one argument of a force without a name
+    # one variant of each effect, one argument of a force without a name
+    known: dict[bool, list[set[str]]] = {True: [], False: []}
     for one in suggested.forces:
         names = {h.name for h in one.hypotheses} if one.curve is None else {one.label}
-        if names in known:
+        alike = known[one.curve is None]
+        if names in alike or len(alike) == _FITTED:
             continue
-        known.append(names)
+        alike.append(names)
         try:
             settled = settle_in(search, search.setting, one)
         except (InputError, np.linalg.LinAlgError):
@@ -63,7 +65,7 @@ def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
         if found is not None and table is not None and len(table.knots) <= KNOTS and not explained(found):
             refine_table(search, explanation, table, found)
         nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
-        if explained(explanation.best) or nearly or search.late() or len(known) == _FITTED:
+        if explained(explanation.best) or nearly or search.late():
             break
     return suggested.pairs
 

@@ -118,7 +118,7 @@ class Search:
             )
         found = self.finished.attempt((), model, lambda: self.grown((), values, model=model), self.workers)
         assert found is not None
-        explanation = Explanation(found)
+        explanation = Explanation(found, agreed=(self.setting.joint, self.profile.best))
         if clipped:
             scale, (clearances, speeds) = max(found.scale, ANNEALING[3]), found.fit.values.T
             plain, paths, begun = self.setting.model(), found.followers, found.fit.values

@@ -96,6 +96,23 @@ def test_where_nothing_explains_the_clearance_spans_what_comes_near(misfit, expe
     assert (found.value, found.low, found.high) == pytest.approx(expected)
 
 
+@pytest.mark.parametrize(("fitted", "cushioned"), [(1e-5, True), (4e-4, False)])
+def test_a_gap_that_no_machine_keeps_open_is_the_joint_s(fitted, cushioned, monkeypatch):
+    monkeypatch.setattr(verdict, "estimates", lambda a: [Estimate(fitted, 0.9 * fitted, 1.1 * fitted)] * 2)
+    nearest = attempt(["sensor_gain"], 6.0)
+    nearest.hypotheses[0].body, nearest.hypotheses[0].direction = "instrument", "x"
+    for one in (nominal := attempt([], 7.0), nearest):
+        one.fit.values = np.array([[fitted, 700.0]])
+    explanation = Explanation(nominal, [nearest], agreed=("B", 5.5e-4))
+    assert place_of(explanation) == (("joint_b", "normal") if cushioned else ("instrument", "x"))
+    found = clearance_of(explanation)
+    assert (found.low < 6.3e-4 < found.high) == cushioned
+    told = " ".join(
+        sentences("unknown", explanation, "B", {"held_out": {"before": 2.0, "after": 1.9}}, ["rod_b_axial"])
+    )
+    assert ("0.550 mm in joint B" in told) == cushioned
+
+
 def between_rails():
     """What the motion alone shows: 1 mm of clearance and a gap of 7e-5 m, by 15 and 20 % at most."""
     shown = attempt(["guide_clearance"], 90.0)
