@@ -295,8 +295,8 @@ def _gap(explanation: Explanation) -> list[str]:
     assert explanation.agreed is not None
     joint, shown = explanation.agreed
     return [
-        f"The motion shows some {shown * 1e3:.3f} mm of clearance in joint {joint}, where the nearest machine "
-        "hardly has any: something in the joint keeps the journal from striking."
+        f"The motion shows some {shown * 1e3:.3f} mm of clearance in joint {joint}, and the nearest machine "
+        "hardly any: something in the joint keeps the journal from striking."
     ]
 
 

@@ -25,14 +25,16 @@ def fit_everywhere(
     surest: int,
     base: Attempt,
     anew: bool = False,
+    insist: int = 1,
 ) -> Attempt | None:
     """Fit to all recordings what the surest one suggests, again on the paths that this gives while it helps.
 
     What speed a drive is asked for, and its integral, follow from the torque by the drive's own gains: paths
     are sought anew with another drive; with ``anew`` they are from the first look on. What points at such
-    values has been seen, so that each recording may be the one from which the others learn.
+    values has been seen, so that each recording may be the one from which the others learn, ``insist`` times.
     """
     model, drive = search.setting.model(held), held[-1].name == DRIVE
+    seen = anew or misleads(held[-1])
     best: Attempt | None = None
     for look in range(_LOOKS):
 
@@ -47,7 +49,7 @@ def fit_everywhere(
         for r, start in enumerate(starts):
             if anew or look or r != surest:
                 values[r, -1] = start.trace.speed
-        found = search.grown(held, values, starts, base=base, insist=anew or misleads(held[-1]))
+        found = search.grown(held, values, starts, base=base, insist=seen * insist)
         if found is None or (best is not None and not found.misfit < best.misfit):
             break
         little = best is not None and found.misfit > _LESS * best.misfit

@@ -58,9 +58,11 @@ def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
         shown = ", ".join(f"{value:.4g}" for value in settled.values)
         search.report(f"  {one.label} = {shown} goes with a clearance of {settled.clearance * 1e3:.3f} mm")
         with search.timed(one.rhythm):
+            # a moment is known least where it is largest, since it does no work there
             found = _fit(
-                search, explanation, nominal, one.hypotheses, settled.values, settled.clearance, anew=True
-            )
+                search, explanation, nominal, one.hypotheses, settled.values, settled.clearance, anew=True,
+                insist=2 if one.hypotheses[0].body == "rod" and one.curve is not None else 1,
+            )  # fmt: skip
         table = one.curve
         if found is not None and table is not None and len(table.knots) <= KNOTS and not explained(found):
             refine_table(search, explanation, table, found)
@@ -167,10 +169,13 @@ def _fit(
     values: np.ndarray,
     clearance: float,
     anew: bool,
+    insist: int = 1,
 ) -> Attempt | None:
-    """Fit hypotheses beside ``base`` from values and a clearance [m]; ``anew`` as of ``fit_everywhere``."""
+    """Fit hypotheses beside ``base`` from values and a clearance [m]; others as of ``fit_everywhere``."""
     surest = int(np.argmin([start.doubt for start in search.starts]))
     held, rows = beside(base, hypotheses, values)
     row = rows[surest]
     row[0] = clearance
-    return search.keep(explanation, held, lambda: fit_everywhere(search, held, row, surest, base, anew))
+    return search.keep(
+        explanation, held, lambda: fit_everywhere(search, held, row, surest, base, anew, insist)
+    )

@@ -40,6 +40,7 @@ _GLANCES, _GLANCE = 3, 40  # glances at the clearance, and segments of each
 _FACTORS = (1.0, 0.95, 1.05)  # on it, tried one after another
 _SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on looks tell little
 PATIENCE = 40  # times that a path is looked for in vain at the beginning
+_MORE = 1.01  # times the clearance: enough to meet impacts otherwise
 _LOOKS = 2  # times that recordings are followed anew with better values
 NEARLY = 4.0  # misfit up to which a model is worth another look
 HALFWAY = 0.3  # of the base's misfit: a sensor's fault that reaches that is worth a path of its own
@@ -181,7 +182,7 @@ class Search:
         model: Model | None = None,
         base: Attempt | None = None,
         patient: bool = False,
-        insist: bool = False,
+        insist: int = 0,
     ) -> Attempt | None:
         """Follow all recordings step by step with a model, and fit it to all of them.
 
@@ -193,8 +194,8 @@ class Search:
             model: of the hypotheses; with its usual unknowns if ``None``.
             base: an attempt that the first recording must be followed clearly better with than it is.
             patient: as of ``grow``.
-            insist: whether each recording may be the first one: values that are nearly right may be lost at
-                one of its impacts and not at another's.
+            insist: times that each recording may be the first one, each time with a little more clearance:
+                values that are nearly right may be lost at one of its impacts and not at another's.
         """
         model = self.setting.model(hypotheses) if model is None else model
         starts = self.starts if starts is None else starts
@@ -212,12 +213,13 @@ class Search:
         limit: float,
         base: Attempt | None,
         patient: bool,
-        insist: bool,
+        insist: int,
     ) -> tuple[list[Follower], np.ndarray, float] | None:
         """Followers, values and misfit: the surest recording first, the others with what it tells."""
         order = [int(r) for r in np.argsort([start.doubt for start in starts])]
         rows, shared = values.copy(), model.shared
-        for first in order if insist else order[:1]:
+        for k, first in enumerate(order * insist or order[:1]):
+            rows[first, 0] = values[first, 0] * _MORE ** (k // len(order))
             found = grow(starts[first], model, rows[first], limit, patient=patient)
             if found is not None and (base is None or found[2] <= enough(base, first)):
                 break

@@ -110,7 +110,7 @@ def test_a_gap_that_no_machine_keeps_open_is_the_joint_s(fitted, cushioned, monk
     told = " ".join(
         sentences("unknown", explanation, "B", {"held_out": {"before": 2.0, "after": 1.9}}, ["rod_b_axial"])
     )
-    assert ("0.550 mm in joint B" in told) == cushioned
+    assert ("0.550 mm of clearance in joint B" in told) == cushioned
 
 
 def between_rails():

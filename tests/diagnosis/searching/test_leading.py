@@ -11,7 +11,7 @@ from clearance.diagnosis.searching.search import Search
 SHARED, SURE = 2, 1  # the second recording's start is the surest
 
 
-@pytest.mark.parametrize(("insist", "leader"), [(False, None), (True, 0)])
+@pytest.mark.parametrize(("insist", "leader"), [(0, None), (1, 0)])
 def test_where_the_surest_recording_is_lost_another_leads_if_the_values_were_pointed_at(
     monkeypatch, insist, leader
 ):
@@ -39,3 +39,17 @@ def test_where_the_surest_recording_is_lost_another_leads_if_the_values_were_poi
     assert asked == [SURE, leader, SURE]
     assert followers == ["path 0", "path 1"]
     np.testing.assert_array_equal(rows, 7.0)
+
+
+def test_a_second_round_begins_with_a_little_more_clearance(monkeypatch):
+    asked = []
+
+    def grow(start, model, row, limit, patient):
+        asked.append((start.number, float(row[0])))
+        return None
+
+    monkeypatch.setattr(searching, "grow", grow)
+    starts = [SimpleNamespace(number=0, doubt=2.0), SimpleNamespace(number=SURE, doubt=1.0)]
+    model = SimpleNamespace(shared=SHARED, unknowns="abc")
+    assert object.__new__(Search).grown((), np.ones((2, 3)), starts, model=model, insist=2) is None
+    assert asked == [(SURE, 1.0), (0, 1.0), (SURE, pytest.approx(1.01)), (0, pytest.approx(1.01))]
