@@ -8,13 +8,15 @@ import numpy as np
 from clearance.diagnosis.following.attempt import EXPLAINED, POOR, Attempt, explained
 from clearance.diagnosis.following.growth import Followed, grow
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.searching.everywhere import astray, fit_everywhere, start_with
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE
+from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE, frame_shakes
 from clearance.diagnosis.searching.search import FAR, Search, beside, enough
 from clearance.diagnosis.searching.significance import SURE, unsettled
 from clearance.diagnosis.searching.work import DRIVE
 from clearance.errors import InputError
+from clearance.mechanism.slider_crank import SliderCrank
 
 _FITTED = 2  # of them that are fitted to all recordings
 _LEFT = 0.3  # of what a base that explains leaves: what is right leaves less
@@ -24,7 +26,7 @@ _SUREST = 3  # effects that a linear look is sure of
 _ELSEWHERE = (DRIVE, "second_clearance", "rod_flexibility", "flexible_base", LOOSE_GUIDE)
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
 _OUTSIDE = ("crank", "rod", "slider")  # what acts there does work
-_FILM = "joint_lubrication"
+_FILM, _FRAME = "joint_lubrication", "flexible_base"
 _EDGED = "process_load"  # at one place of many: a size alone says nothing
 
 
@@ -67,6 +69,31 @@ def begin_again(search: Search, explanation: Explanation) -> None:
         explanation, best.hypotheses,
         lambda: fit_everywhere(search, best.hypotheses, row, surest, best, anew=True),
     )  # fmt: skip
+
+
+def begin_frame(search: Search, explanation: Explanation) -> None:
+    """Fit a frame that gives way where the crank's sensors at A feel one.
+
+    Beside a nominal machine on a frame at rest the clearance is led astray: it is sought anew.
+    """
+    nominal = explanation.nominal
+    known = search.setting.machine
+    groups = [
+        group for group in _judged_elsewhere(search.others(nominal))
+        if group[0].name == _FRAME and group[0].structural(known)
+    ]  # fmt: skip
+    if not groups or explained(nominal) or not frame_shakes(search):
+        return
+    hypothesis = groups[0][0]
+
+    def machine(clearance: float) -> SliderCrank:
+        return hypothesis.apply(search.setting.with_clearance(clearance), hypothesis.start)
+
+    clearance = profile(search.recordings, search.alignments, machine, search.workers).best
+    search.report(
+        f"  the frame shakes; beside it the motion suggests a clearance of {clearance * 1e3:.3f} mm"
+    )
+    _try_out(search, explanation, nominal, groups, clearance)
 
 
 def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> None:

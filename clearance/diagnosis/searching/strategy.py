@@ -9,6 +9,7 @@ from clearance.diagnosis.searching.elsewhere import (
     begin_again,
     begin_elsewhere,
     begin_film,
+    begin_frame,
     begin_plausible,
     begin_sure,
 )
@@ -45,7 +46,8 @@ def find_explanation(
 ) -> None:
     """Find what explains the recordings, with as few effects as it takes.
 
-    A sensor that alone contradicts the nominal machine, or the motion, comes first. Where the path is not
+    A frame that its sensors feel shaking comes first, then a sensor that alone contradicts the nominal
+    machine, or the motion. Where the path is not
     near, effects follow that give the torque which the motion needs. Then single effects that promise
     much of what is missing; dimensions and faulty sensors that the motion alone points at; where no force
     gives that torque, a worn bearing, and where the path is far, effects that no linear look can judge;
@@ -97,6 +99,9 @@ def _search_all(
     pushed: list[Balanced] = []
     suspicious = cache(lambda: suggest_channels(search))
     deafened: list[str] = []
+
+    def frame() -> None:
+        begin_frame(search, explanation)
 
     def sensor() -> None:
         channel = glaring(nominal)
@@ -206,9 +211,9 @@ def _search_all(
             begin_again(search, explanation)
 
     steps = (
-        sensor, build_on, balance, build_on, plain, motion, build_on, together, build_on, inside, likely,
-        build_on, reshaped, unlikely, build_on, curve, elsewhere, build_on, unlikely_faults, build_on, pair,
-        build_on, other_curve, again, build_on,
+        frame, build_on, sensor, build_on, balance, build_on, plain, motion, build_on, together, build_on,
+        inside, likely, build_on, reshaped, unlikely, build_on, curve, elsewhere, build_on, unlikely_faults,
+        build_on, pair, build_on, other_curve, again, build_on,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):

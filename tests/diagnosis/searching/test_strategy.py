@@ -25,6 +25,13 @@ from clearance.diagnosis.searching.widen import deafen, glaring, look
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.judging.test_verdict import attempt
 
+
+@pytest.fixture(autouse=True)
+def still(monkeypatch):
+    """A frame that no sensor feels shaking."""
+    monkeypatch.setattr("clearance.diagnosis.searching.strategy.begin_frame", lambda *_: None)
+
+
 GROUPS = sorted(
     gather(
         load_effects(["guide_friction", "restitution", "soft_drive"], []),
