@@ -18,6 +18,7 @@ from clearance.diagnosis.searching.wear import suggest_wear
 from clearance.diagnosis.searching.work import Balanced
 from clearance.errors import InputError
 
+_BESIDE = 2  # forces that are tried beside a part
 _FITTED, _PAIRS = 3, 5  # of the names that are suggested, of the tables too, and of pairs
 _NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
 
@@ -100,6 +101,37 @@ def begin_pairs(search: Search, explanation: Explanation, pairs: Sequence[Balanc
         )
         nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
         if nearly or search.late() or len(tried) == _PAIRS:
+            return
+
+
+def begin_beside(search: Search, explanation: Explanation, base: Attempt) -> None:
+    """Fit a force that the balance of work names beside effects that explain a part and are not near."""
+    if base.misfit < NEARLY or any(hypothesis.fault is not None for hypothesis in base.hypotheses):
+        return
+    machine, place = search.setting.machine, 1
+    for hypothesis in base.hypotheses:
+        count = len(hypothesis.unknowns)
+        machine = hypothesis.apply(machine, base.fit.values[0, place : place + count])
+        place += count
+    setting, sizes = replace(search.setting, machine=machine), base.fit.values[0, 1 : base.model.shared]
+    try:
+        suggested = suggest_forces(search, setting, search.profile.best, named=True)
+    except (InputError, np.linalg.LinAlgError):
+        return
+    new = [
+        force for force in (suggested.forces if suggested is not None else [])
+        if not any(same(one, held) for one in force.hypotheses for held in base.hypotheses)
+    ]  # fmt: skip
+    for force in new[:_BESIDE]:
+        try:
+            settled = settle_in(search, setting, force)
+        except (InputError, np.linalg.LinAlgError):
+            continue
+        found = _fit(
+            search, explanation, explanation.nominal, [*base.hypotheses, *settled.hypotheses],
+            np.append(sizes, settled.values), settled.clearance, anew=True,
+        )  # fmt: skip
+        if (found is not None and found.misfit < HALFWAY * base.misfit) or search.late():
             return
 
 

@@ -17,6 +17,7 @@ from clearance.diagnosis.searching.explanation import Explanation, Suspected, pe
 from clearance.diagnosis.searching.free_search import fit_curve, name_curve, reshape, suggest_curve
 from clearance.diagnosis.searching.from_motion import (
     begin_balanced,
+    begin_beside,
     begin_dimensions,
     begin_pairs,
     begin_wear,
@@ -161,6 +162,9 @@ def _search_all(
             if _enough(explanation) or search.late():
                 return
             base = explanation.best
+            begin_beside(search, explanation, base)
+            if settled(search, explanation, base):
+                return
             beside = look(search, explanation, base)
             hopeful = [*beside.plain, *beside.likely]
             if any(hint.hypotheses[0].name == WORN for hint in hopeful):

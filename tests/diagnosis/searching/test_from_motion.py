@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.searching import from_motion
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.from_motion import begin_pairs
+from clearance.diagnosis.searching.from_motion import begin_beside, begin_pairs
 from clearance.diagnosis.searching.work import Balanced
 from tests.diagnosis.judging.test_verdict import attempt
 
@@ -44,3 +45,33 @@ def test_pairs_are_followed_until_one_nearly_explains(monkeypatch, right, count)
     assert len(tried) == count
     assert tried[0] == {"slider_spring", "soft_drive"}
     assert all(one not in tried[:i] for i, one in enumerate(tried))
+
+
+@pytest.mark.parametrize(
+    ("misfit", "fault", "expected"), [(30.0, None, ["guide_friction"]), (2.0, None, []), (30.0, "gain", [])]
+)
+def test_beside_a_part_the_balance_of_work_is_asked_again(monkeypatch, misfit, fault, expected):
+    part = attempt(["gravity"], misfit)
+    part.fit.values = np.array([[3e-4, -9.9, 700.0]])
+    part.hypotheses[0].fault, part.hypotheses[0].apply = fault, lambda machine, sizes: f"{machine} {sizes[0]}"
+    asked, fitted = [], []
+    again, friction = pair("gravity"), pair("guide_friction")
+
+    def suggest(search, setting, clearance, named):
+        asked.append((setting.machine, named))
+        return SimpleNamespace(forces=[again, friction])
+
+    def fit(search, explanation, base, hypotheses, values, clearance, anew):
+        fitted.append([h.name for h in hypotheses])
+        np.testing.assert_array_equal(values, [-9.9, 1.0])
+        return attempt(["both"], 1.0)
+
+    monkeypatch.setattr(from_motion, "suggest_forces", suggest)
+    monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
+    monkeypatch.setattr(from_motion, "same", lambda one, other: one.name == other.name)
+    monkeypatch.setattr(from_motion, "_fit", fit)
+    setting = Setting("machine", "C")
+    search = SimpleNamespace(setting=setting, profile=SimpleNamespace(best=3e-4), late=lambda: False)
+    begin_beside(search, Explanation(attempt([], 1000.0), [part]), part)
+    assert fitted == [["gravity", name] for name in expected]
+    assert asked == ([("machine -9.9", True)] if expected else [])

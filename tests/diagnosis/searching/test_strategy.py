@@ -28,8 +28,9 @@ from tests.diagnosis.judging.test_verdict import attempt
 
 @pytest.fixture(autouse=True)
 def still(monkeypatch):
-    """A frame that no sensor feels shaking."""
-    monkeypatch.setattr("clearance.diagnosis.searching.strategy.begin_frame", lambda *_: None)
+    """A frame that no sensor feels shaking, and no force that the balance names beside a part."""
+    for name in ("begin_frame", "begin_beside"):
+        monkeypatch.setattr(f"clearance.diagnosis.searching.strategy.{name}", lambda *_: None)
 
 
 GROUPS = sorted(
