@@ -19,6 +19,7 @@ from clearance.diagnosis.judging.evidence import gather_evidence
 from clearance.diagnosis.judging.likelihood import ask_likelihood
 from clearance.diagnosis.judging.mismatch import Innovations, innovations, interval, root_mean_square, summary
 from clearance.diagnosis.judging.verdict import (
+    basis_of,
     clearance_of,
     effects_of,
     equivalents,
@@ -131,7 +132,11 @@ def diagnose(
     verdict = verdict_of(explanation, after)
     body, direction = place_of(explanation, after)
     clearance, others = clearance_of(explanation), equivalents(explanation)
-    named = effects_of(best, probabilities(explanation)) if verdict not in ("none", "unknown") else []
+    named = (
+        effects_of(best, probabilities(explanation), basis_of(explanation))
+        if verdict not in ("none", "unknown")
+        else []
+    )
     here = seen_beside(search, best)
     score = explanation.hints[0].gain if explanation.hints else None
     diagnosis: dict[str, Any] = {

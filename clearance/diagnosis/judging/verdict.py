@@ -310,9 +310,22 @@ def located(joints: dict[str, float]) -> list[str]:
     ]
 
 
-def effects_of(attempt: Attempt, chance: dict[int, float]) -> list[dict[str, Any]]:
-    """An attempt's hypotheses as the contract writes them; ``chance``: its probability, among all."""
-    found, place, numbers, known = [], 1, estimates(attempt), id(attempt) in chance
+def basis_of(explanation: Explanation) -> str:
+    """What the best attempt rests on: prediction of all recordings, of one of them, or their motion."""
+    if explanation.best is not explanation.shown:
+        return "prediction"
+    return "one recording" if explanation.rails is not None and explanation.rails.followed else "motion"
+
+
+def effects_of(attempt: Attempt, chance: dict[int, float], basis: str = "prediction") -> list[dict[str, Any]]:
+    """An attempt's hypotheses as the contract writes them.
+
+    Args:
+        attempt: to write down.
+        chance: probabilities, as of ``probabilities``.
+        basis: as of ``basis_of``.
+    """
+    found, place, numbers = [], 1, estimates(attempt)
     for hypothesis in attempt.hypotheses:
         parameters = {}
         for i, unknown in enumerate(hypothesis.unknowns):
@@ -328,8 +341,8 @@ def effects_of(attempt: Attempt, chance: dict[int, float]) -> list[dict[str, Any
             {
                 "name": hypothesis.name, "kind": hypothesis.kind, "body": hypothesis.body,
                 **({"channel": hypothesis.channel} if hypothesis.channel else {}),
-                "direction": hypothesis.direction, "basis": "prediction" if known else "motion",
-                "probability": round(chance[id(attempt)], 4) if known else None,
+                "direction": hypothesis.direction, "basis": basis,
+                "probability": round(chance[id(attempt)], 4) if id(attempt) in chance else None,
                 "parameters": parameters,
             }
         )  # fmt: skip

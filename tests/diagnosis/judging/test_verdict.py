@@ -11,6 +11,7 @@ from clearance.diagnosis.hypotheses.missing_force import FREE_FORM, Curve, free_
 from clearance.diagnosis.judging import verdict
 from clearance.diagnosis.judging.verdict import (
     Estimate,
+    basis_of,
     clearance_of,
     effects_of,
     equivalents,
@@ -142,7 +143,7 @@ def test_what_the_motion_alone_shows_is_asserted_where_nothing_is_followed(misfi
     found = clearance_of(explanation)
     assert place_of(explanation) == ("slider", "y")
     assert (found.value, found.low, found.high) == pytest.approx((1e-4, 0.85e-4, 1.15e-4))
-    (effect,) = effects_of(explanation.best, probabilities(explanation))
+    (effect,) = effects_of(explanation.best, probabilities(explanation), basis_of(explanation))
     assert effect["basis"] == "motion"
     assert effect["probability"] is None
     size = effect["parameters"]["size"]
@@ -159,6 +160,7 @@ def test_what_the_motion_alone_shows_is_said_to_be_no_more_than_that():
     assert "what else may be missing" in told[0]
     assert "errors remain (8, floor 1.00)" in told[1]
     explanation.rails = Rails(1e-4, 7e-5, np.array([1e-7, 1e-7]), followed=True)
+    assert basis_of(explanation) == "one recording"
     assert "One recording was followed" in sentences("physics", explanation, "C", fit, ["slider_vertical"])[0]
 
 
