@@ -154,6 +154,7 @@ function mechanismDrawing(parent) {
       };
     }
     const label = s("text", { class: "culprit-label", "text-anchor": "middle" }, body ? cut(caption, 30) : "");
+    const halfLabel = Math.max(60, 4.7 * Math.min(caption.length, 30)); // pixels
 
     // the lens on the joint with play
     let lens = null;
@@ -208,11 +209,11 @@ function mechanismDrawing(parent) {
       if (where) {
         const lift = /slider|joint_c/.test(body) && !across && !turns ? -shoe - 48 : body === "frame" ? (turns ? -clamp(unit * 0.5, 24, 56) - 18 : thick - 14) : /^joint/.test(body) ? thick + 34 : body === "crank" && turns ? -unit * 0.86 : thick + 32;
         const rise = across ? (/frame|slider|joint_c/.test(body) ? -clamp(unit * 0.52, 26, 60) - 20 : clamp(unit * 0.52, 26, 60) + 14) : lift;
-        put(label, [clamp(where[0] + (across && /slider|joint_c/.test(body) ? unit * 0.54 : 0), 60, width - 60), clamp(where[1] - rise, 14, height - 6)]);
+        put(label, [clamp(where[0] + (across && /slider|joint_c/.test(body) ? unit * 0.54 : 0), halfLabel, width - halfLabel), clamp(where[1] - rise, 14, height - 6)]);
       } else if (body === "instrument") {
         const [from, turn] = !sick ? [[spot.C[0] - unit * 0.2, spot.C[1]], 0] : sick.parent === crank_ ? [spot.A, angle] : sick.parent === rod ? [spot.B, spot.tilt] : [sick.parent === slider_ ? spot.C : spot.A, 0];
         const a = (turn * Math.PI) / 180, [dx, dy] = sick ? [sick.x, sick.y] : [0, 0];
-        put(label, [clamp(from[0] + dx * Math.cos(a) + dy * Math.sin(a), 70, width - 70), clamp(from[1] - dx * Math.sin(a) + dy * Math.cos(a) - (sick?.parent === rod || sick?.parent === crank_ ? 26 : shoe + 24), 14, height - 6)]);
+        put(label, [clamp(from[0] + dx * Math.cos(a) + dy * Math.sin(a), Math.max(halfLabel, 70), width - Math.max(halfLabel, 70)), clamp(from[1] - dx * Math.sin(a) + dy * Math.cos(a) - (sick?.parent === rod || sick?.parent === crank_ ? 26 : shoe + 24), 14, height - 6)]);
       }
       svg.classList.toggle("showing", inRange(angle));
       lens?.follow(spot);
