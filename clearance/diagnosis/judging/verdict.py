@@ -60,19 +60,12 @@ def withdraw(explanation: Explanation) -> None:
         for hypothesis in best.hypotheses:
             sizes = [i for i in range(len(hypothesis.unknowns)) if not _shape(hypothesis, i)]
             sure &= hypothesis.name == FREE_FORM or any(
-                not numbers[place + i].low <= _reached(hypothesis, i) <= numbers[place + i].high
-                for i in sizes
+                not numbers[place + i].low <= hypothesis.off[i] <= numbers[place + i].high for i in sizes
             )
             place += len(hypothesis.unknowns)
         if sure:
             return
         best.withdrawn = True
-
-
-def _reached(hypothesis: Hypothesis, i: int) -> float:
-    """A parameter's value without its effect, or the nearest that it may take."""
-    unknown = hypothesis.unknowns[i]
-    return float(np.clip(hypothesis.off[i], unknown.low, unknown.high))
 
 
 def _shape(hypothesis: Hypothesis, i: int) -> bool:

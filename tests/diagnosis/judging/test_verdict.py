@@ -177,13 +177,13 @@ def test_an_effect_that_may_as_well_be_off_is_withdrawn(monkeypatch):
     assert verdict_of(explanation) == "none"
 
 
-def test_a_limit_that_may_lie_anywhere_is_withdrawn(monkeypatch):
+def test_a_limit_that_was_read_off_stays_though_no_slope_tells_how_sure_it_is(monkeypatch):
     limit = attempt(["sensor_saturation"], 0.9, "instrument", off=np.inf)
     monkeypatch.setattr(
         verdict, "estimates", lambda _: [Estimate(3e-4, 3e-4, 3e-4), Estimate(100.0, 1.0, 1e6)]
     )
     withdraw(Explanation(attempt([], 1.0), [limit]))
-    assert limit.withdrawn
+    assert not limit.withdrawn
 
 
 def test_an_effect_whose_interval_excludes_off_stays(monkeypatch):
