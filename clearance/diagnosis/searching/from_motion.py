@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained
-from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, same
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.hypotheses.missing_force import KNOTS
 from clearance.diagnosis.searching.balance import settle_in, suggest_forces
 from clearance.diagnosis.searching.everywhere import fit_everywhere
@@ -52,18 +52,7 @@ def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
         if names in alike or len(alike) == _FITTED:
             continue
         alike.append(names)
-        try:
-            settled = settle_in(search, search.setting, one)
-        except (InputError, np.linalg.LinAlgError):
-            continue
-        shown = ", ".join(f"{value:.4g}" for value in settled.values)
-        search.report(f"  {one.label} = {shown} goes with a clearance of {settled.clearance * 1e3:.3f} mm")
-        with search.timed(one.rhythm):
-            # a moment is known least where it is largest, since it does no work there
-            found = _fit(
-                search, explanation, nominal, one.hypotheses, settled.values, settled.clearance, anew=True,
-                insist=2 if one.hypotheses[0].body == "rod" and one.curve is not None else 1,
-            )  # fmt: skip
+        found = _follow(search, explanation, search.setting, one)
         table = one.curve
         if found is not None and table is not None and len(table.knots) <= KNOTS and not explained(found):
             refine_table(search, explanation, table, found)
@@ -90,15 +79,7 @@ def begin_pairs(search: Search, explanation: Explanation, pairs: Sequence[Balanc
         if names in tried:
             continue
         tried.append(names)
-        try:
-            settled = settle_in(search, search.setting, pair)
-        except (InputError, np.linalg.LinAlgError):
-            continue
-        shown = ", ".join(f"{value:.4g}" for value in settled.values)
-        search.report(f"  {pair.label} = {shown} goes with a clearance of {settled.clearance * 1e3:.3f} mm")
-        found = _fit(
-            search, explanation, nominal, pair.hypotheses, settled.values, settled.clearance, anew=True
-        )
+        found = _follow(search, explanation, search.setting, pair)
         nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
         if nearly or search.late() or len(tried) == _PAIRS:
             return
@@ -123,14 +104,7 @@ def begin_beside(search: Search, explanation: Explanation, base: Attempt) -> Non
         if not any(same(one, held) for one in force.hypotheses for held in base.hypotheses)
     ]  # fmt: skip
     for force in new[:_BESIDE]:
-        try:
-            settled = settle_in(search, setting, force)
-        except (InputError, np.linalg.LinAlgError):
-            continue
-        found = _fit(
-            search, explanation, explanation.nominal, [*base.hypotheses, *settled.hypotheses],
-            np.append(sizes, settled.values), settled.clearance, anew=True,
-        )  # fmt: skip
+        found = _follow(search, explanation, setting, force, base.hypotheses, sizes)
         if (found is not None and found.misfit < HALFWAY * base.misfit) or search.late():
             return
 
@@ -191,6 +165,39 @@ def begin_wear(search: Search, explanation: Explanation, base: Attempt) -> None:
         f"{one.clearance * 1e3:.3f} mm: {one.share:.0%} of the disagreement are left"
     )
     _fit(search, explanation, base, [one.hypothesis], one.values, one.clearance, anew=True)
+
+
+def _follow(
+    search: Search,
+    explanation: Explanation,
+    setting: Setting,
+    one: Balanced,
+    held: Sequence[Hypothesis] = (),
+    sizes: Sequence[float] | np.ndarray = (),
+) -> Attempt | None:
+    """Fit what the balance of work suggests beside the nominal machine, once clearance and path go with it.
+
+    Args:
+        search: after its nominal stage.
+        explanation: added to.
+        setting: the machine that the balance was asked of.
+        one: of its suggestions.
+        held: effects that are in that machine, and fitted too.
+        sizes: of these.
+    """
+    try:
+        settled = settle_in(search, setting, one)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    shown = ", ".join(f"{value:.4g}" for value in settled.values)
+    search.report(f"  {one.label} = {shown} goes with a clearance of {settled.clearance * 1e3:.3f} mm")
+    # a moment is known least where it is largest, since it does no work there
+    insist = 2 if one.curve is not None and one.curve.body == "rod" else 1
+    with search.timed(one.rhythm):
+        return _fit(
+            search, explanation, explanation.nominal, [*held, *one.hypotheses],
+            np.append(sizes, settled.values), settled.clearance, anew=True, insist=insist,
+        )  # fmt: skip
 
 
 def _fit(

@@ -1,5 +1,6 @@
 """What the balance of work points at together: which pairs are followed, and until when."""
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -33,14 +34,16 @@ PAIRS = [
 def test_pairs_are_followed_until_one_nearly_explains(monkeypatch, right, count):
     tried = []
 
-    def fit(search, explanation, base, hypotheses, values, clearance, anew):
+    def fit(search, explanation, base, hypotheses, values, clearance, anew, insist):
         assert anew  # the nominal machine's paths are those of a machine that lacks both
         tried.append({h.name for h in hypotheses})
         return attempt(["both"], 1.0 if tried[-1] == {"slider_spring", right} else 700.0)
 
     monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
     monkeypatch.setattr(from_motion, "_fit", fit)
-    search = SimpleNamespace(setting=None, report=lambda _: None, late=lambda: False)
+    search = SimpleNamespace(
+        setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext()
+    )
     begin_pairs(search, Explanation(attempt([], 1000.0)), PAIRS)
     assert len(tried) == count
     assert tried[0] == {"slider_spring", "soft_drive"}
@@ -61,7 +64,7 @@ def test_beside_a_part_the_balance_of_work_is_asked_again(monkeypatch, misfit, f
         asked.append((setting.machine, named))
         return SimpleNamespace(forces=[again, friction])
 
-    def fit(search, explanation, base, hypotheses, values, clearance, anew):
+    def fit(search, explanation, base, hypotheses, values, clearance, anew, insist):
         fitted.append([h.name for h in hypotheses])
         np.testing.assert_array_equal(values, [-9.9, 1.0])
         return attempt(["both"], 1.0)
@@ -71,7 +74,10 @@ def test_beside_a_part_the_balance_of_work_is_asked_again(monkeypatch, misfit, f
     monkeypatch.setattr(from_motion, "same", lambda one, other: one.name == other.name)
     monkeypatch.setattr(from_motion, "_fit", fit)
     setting = Setting("machine", "C")
-    search = SimpleNamespace(setting=setting, profile=SimpleNamespace(best=3e-4), late=lambda: False)
+    search = SimpleNamespace(
+        setting=setting, profile=SimpleNamespace(best=3e-4), late=lambda: False, report=lambda _: None,
+        timed=lambda _: nullcontext(),
+    )  # fmt: skip
     begin_beside(search, Explanation(attempt([], 1000.0), [part]), part)
     assert fitted == [["gravity", name] for name in expected]
     assert asked == ([("machine -9.9", True)] if expected else [])
