@@ -119,13 +119,9 @@ def diagnose(
         explanation.shown = between_rails(search, explanation.rails)
     _ask(search, explanation)
     search.report("judging on held-out recordings")
-    held_out = [_clocked(one, search, explanation.best) for one in held_out]
-    best, nominal = explanation.best, explanation.nominal
-    after = _held_out(held_out, search, best)
-    before_attempt = _held_out(held_out, search, nominal, after) if best is not nominal else after
-    errors_after = innovations(after, joint)
-    errors_before = innovations(before_attempt, joint, after) if best is not nominal else errors_after
-    fit = _fit_numbers(errors_before, errors_after)
+    judged = _judge(held_out, search, explanation)
+    best, nominal, after = explanation.best, explanation.nominal, judged.after
+    fit = _fit_numbers(judged.errors_before, judged.errors_after)
     errors_fit = innovations(nominal, joint, best if explained(best) else None)
     where = summary(errors_fit)
     channels = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > 0.1][:3]
@@ -164,7 +160,7 @@ def diagnose(
             {
                 "name": one.name, "seconds": one.seconds, "rate_hz": one.chain.rate,
                 "channels": list(one.channels), "speed_rpm": float(best.fit.values[r, -1]),
-                "held_out_seconds": sum(o.seconds for o in held_out if o.name == one.name),
+                "held_out_seconds": sum(o.seconds for o in judged.held_out if o.name == one.name),
             }
             for r, one in enumerate(recordings)
         ],
@@ -184,7 +180,7 @@ def diagnose(
         "seconds": round(time.monotonic() - started, 1),
     }  # fmt: skip
     search.report(f"verdict: {verdict}; gathering what the report shows")
-    evidence = gather_evidence(search, explanation, held_out, before_attempt, after, errors_fit, here)
+    evidence = gather_evidence(search, explanation, judged.held_out, judged.before, after, errors_fit, here)
     model = setting.model(best.hypotheses)
     return Outcome(diagnosis, evidence, model.machine(best.fit.values[0]), explanation)
 
@@ -200,6 +196,48 @@ def _ask(search: Search, explanation: Explanation) -> None:
             search.report(f"asking the likelihood how sure the numbers of {one.label} are")
             ask_likelihood(one, search.workers)
         withdraw(explanation)
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """Machines beside held-out recordings.
+
+    Attributes:
+        held_out: recordings, by the clock of the best machine.
+        before: the nominal machine.
+        after: the best one.
+        errors_before: innovations of each.
+        errors_after: likewise.
+    """
+
+    held_out: list[Measured]
+    before: Attempt
+    after: Attempt
+    errors_before: list[Innovations]
+    errors_after: list[Innovations]
+
+
+def _judge(held_out: Sequence[Measured], search: Search, explanation: Explanation) -> _Judged:
+    """The nominal and the best machine beside recordings that neither was fitted to.
+
+    What the nominal machine explains clearly better there is withdrawn: it was made of chance, or stands in
+    the place of something else.
+    """
+    while True:
+        best, nominal, joint = explanation.best, explanation.nominal, search.setting.joint
+        own = [_clocked(one, search, best) for one in held_out]
+        after = _held_out(own, search, best)
+        errors_after = innovations(after, joint)
+        if best is nominal:
+            return _Judged(own, after, after, errors_after, errors_after)
+        before = _held_out(own, search, nominal, after)
+        errors_before = innovations(before, joint, after)
+        better = explained(before) and root_mean_square(errors_before) < interval(errors_after)[0]
+        if best is explanation.shown or not better:
+            return _Judged(own, before, after, errors_before, errors_after)
+        search.report(f"{best.label}: held-out recordings are explained better without")
+        best.withdrawn = True
+        _ask(search, explanation)
 
 
 def _held_out(

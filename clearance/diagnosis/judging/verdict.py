@@ -210,6 +210,11 @@ def sentences(
             f"{after:.4f} mm, and one-step errors are those of the noise ({held['after']:.2f}, floor 1.00)."
         ]
     gain = f"With it, held-out error falls from {held['before']:.3g} to {held['after']:.3g} (floor 1.00)"
+    if not held["after"] < held["before"]:
+        gain = (
+            f"It does not help on held-out recordings, where errors are {held['after']:.3g} with it and "
+            f"{held['before']:.3g} without (floor 1.00)"
+        )
     if verdict == "unknown" and not best.hypotheses:
         body, direction = place_of(explanation)
         guess = f" What comes nearest acts on the {body.replace('_', ' ')} ({direction})." if body else ""

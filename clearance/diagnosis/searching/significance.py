@@ -15,6 +15,7 @@ from importlib.resources import files
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.hypotheses.missing_force import unnamed
 from clearance.diagnosis.searching.explanation import Explanation, penalised
 
 SURE = 60.0
@@ -23,6 +24,7 @@ CALM = 1.2
 """Misfit that nothing missing does not bring either."""
 _NULLS = "nulls.json"
 _FLOOR = 1.05  # misfit that a right model may leave
+_RIGHT = 1.15  # misfit above which one that explains lacks something: right ones left 1.12 at most
 _SMALL = 0.5  # of the nominal machine's misfit above 1: what is small and right leaves less
 _ALIKE = 12.0  # difference of penalised sums of squares below which two explanations are equivalent
 
@@ -67,6 +69,12 @@ def suspicious(explanation: Explanation) -> bool:
     """Whether the nominal machine is further off than any on which nothing is missing, though it follows."""
     score = explanation.hints[0].gain if explanation.hints else 0.0
     return score > SURE or explanation.nominal.misfit > CALM
+
+
+def incomplete(attempt: Attempt) -> bool:
+    """Whether named effects explain, and yet leave more than right ones do."""
+    named = bool(attempt.hypotheses) and unnamed(attempt.hypotheses) is None
+    return named and explained(attempt) and attempt.misfit > _RIGHT
 
 
 def unsettled(explanation: Explanation) -> bool:

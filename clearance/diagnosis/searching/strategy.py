@@ -26,7 +26,7 @@ from clearance.diagnosis.searching.geometry import LOOSE_GUIDE, suggest_channels
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.scrutiny import contest, scrutinise
 from clearance.diagnosis.searching.search import FAR, NEARLY, Search
-from clearance.diagnosis.searching.significance import unsettled
+from clearance.diagnosis.searching.significance import incomplete, unsettled
 from clearance.diagnosis.searching.simplify import enlarge, prune, retry_nominal
 from clearance.diagnosis.searching.small_force import begin_small_force
 from clearance.diagnosis.searching.wear import WORN
@@ -58,7 +58,8 @@ def find_explanation(
     right none promises much; forces of free form on the slider, or with which most of one recording is
     explained; effects that no linear look can judge; faults that promised little; pairs of which neither
     shows without the other; other tables; the best so far on paths of its own. A table is put to the test
-    against names. What explains is looked beside for what is small; where nothing takes away what is too
+    against names. What explains is looked beside for what is small; where effects leave more than right ones
+    do, for others that a linear look cannot judge; where nothing takes away what is too
     much for a machine with nothing missing, effects that a linear look is sure of, then small forces of
     free form, then effects that it cannot judge, are tried on paths of their own. A named force must
     stand against one of free form in its place. What is not needed is pruned. A nominal machine that explains
@@ -75,6 +76,8 @@ def find_explanation(
     if explained(explanation.best) and explanation.best.misfit > _ROOM and not search.late():
         enlarge(search, explanation)
     scrutinise(search, explanation, most)
+    if incomplete(explanation.best) and len(explanation.best.hypotheses) < most and not search.late():
+        begin_elsewhere(search, explanation, explanation.best)
     retry_nominal(search, explanation)
     if unsettled(explanation) and not search.late():
         begin_sure(search, explanation)

@@ -143,6 +143,8 @@ def kinds(
 ) -> list[tuple[Hypothesis, np.ndarray, float]]:
     """Faults that would turn a channel's signal on the paths of ``base`` into the recorded one, best first.
 
+    None that is larger or smaller than any sensor's: a signal of nothing but noise is clipped by no limit.
+
     Returns:
         Each fault, its (unknowns,) values and what remains [sigma].
 
@@ -166,7 +168,8 @@ def kinds(
         hypothesis = known.get((suspicion.effect, channel))
         if hypothesis is not None:
             values = np.array([suspicion.parameters[u.name] for u in hypothesis.unknowns])
-            found.append((hypothesis, values, suspicion.misfit))
+            if all(u.low <= value <= u.high for u, value in zip(hypothesis.unknowns, values, strict=True)):
+                found.append((hypothesis, values, suspicion.misfit))
     return found
 
 

@@ -1,10 +1,17 @@
 """What is expected of recordings that were held out."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
-from clearance.diagnosis.judging.outcome import _passing
+from clearance.diagnosis.judging import outcome
+from clearance.diagnosis.judging.mismatch import Innovations
+from clearance.diagnosis.judging.outcome import _judge, _passing
+from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
+from tests.diagnosis.judging.test_verdict import attempt
 
 
 @pytest.mark.parametrize(
@@ -21,3 +28,32 @@ def test_only_a_force_over_one_recordings_time_says_nothing_of_another(table, ex
 
 def test_a_machine_without_a_table_is_looked_for_in_every_recording():
     assert not _passing(SliderCrank())
+
+
+@pytest.mark.parametrize(
+    ("nominal", "errors", "withdrawn"),
+    [
+        (1.3, {"nominal": 0.7, "gravity": 1.0}, True),  # made of chance
+        (1.3, {"nominal": 1.2, "gravity": 1.0}, False),
+        (1.3, {"nominal": 1.0, "gravity": 1.0}, False),  # held-out recordings show nothing of it
+        (50.0, {"nominal": 0.7, "gravity": 1.0}, False),  # the nominal machine's path was lost
+    ],
+)
+def test_what_the_nominal_machine_explains_better_on_held_out_recordings_is_withdrawn(
+    monkeypatch, nominal, errors, withdrawn
+):
+    found, machine = attempt(["gravity"], 1.0), attempt([], nominal)
+    found.label, machine.label = "gravity", "nominal"
+    noise = np.random.default_rng(5).standard_normal((4000, 2))
+
+    def innovations(one, joint, floor=None):
+        flat = np.zeros(len(noise))
+        return [Innovations(errors[one.label] * noise, flat, flat > 0, flat > 0, ("a", "b"), 1e4)]
+
+    monkeypatch.setattr(outcome, "_held_out", lambda held_out, search, one, beside=None: one)
+    monkeypatch.setattr(outcome, "_ask", lambda *_: None)
+    monkeypatch.setattr(outcome, "innovations", innovations)
+    search = SimpleNamespace(report=lambda _: None, setting=SimpleNamespace(joint="C"))
+    judged = _judge([], search, Explanation(machine, [found]))
+    assert found.withdrawn == withdrawn
+    assert judged.after is (machine if withdrawn else found)

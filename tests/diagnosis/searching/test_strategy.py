@@ -7,6 +7,7 @@ import pytest
 
 from clearance.diagnosis.hypotheses.effect import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
+from clearance.diagnosis.hypotheses.missing_force import FREE_FORM
 from clearance.diagnosis.searching import elsewhere, scrutiny
 from clearance.diagnosis.searching.elsewhere import (
     _again,
@@ -20,8 +21,8 @@ from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.searching.scrutiny import _compare_kinds
 from clearance.diagnosis.searching.significance import unsettled
-from clearance.diagnosis.searching.strategy import _enough, _search_all
-from clearance.diagnosis.searching.widen import deafen, glaring, look
+from clearance.diagnosis.searching.strategy import _enough, _search_all, find_explanation
+from clearance.diagnosis.searching.widen import deafen, glaring, kinds, look
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.judging.test_verdict import attempt
 
@@ -251,6 +252,44 @@ def test_a_fault_that_explains_is_compared_with_those_that_look_alike(monkeypatc
     search = SimpleNamespace(report=lambda _: None, refit=refit, traces=[])
     deafen(search, explanation, explanation.nominal, "rod_c_transverse")
     assert refitted == expected
+
+
+def test_a_signal_of_nothing_but_noise_is_clipped_by_no_limit(monkeypatch):
+    effects = load_effects(["sensor_gain", "sensor_saturation"], [])
+    channels = ("crank_a_transverse", "rod_c_axial")
+    groups = gather(effects, Setting(SliderCrank(), "C").with_clearance(3e-4), "C", channels)
+    ringing = np.sin(np.arange(4000) / 5.0)[:, None] * [0.1, 50.0]
+    noise = 0.01 * np.random.default_rng(7).standard_normal(ringing.shape)
+    for recorded, expected in ((noise, False), (np.clip(ringing, -30.0, 30.0) + noise, True)):
+        measured = SimpleNamespace(
+            values=recorded, sigma=np.full(2, 0.01), channels=channels, chain=SimpleNamespace(rate=1e4)
+        )
+        base = SimpleNamespace(fit=SimpleNamespace(passes=[SimpleNamespace(predicted=ringing)]))
+        channel = channels[int(expected)]
+        found = kinds(SimpleNamespace(groups=groups), base, [SimpleNamespace(measured=measured)], channel)
+        assert ("sensor_saturation" in [hypothesis.name for hypothesis, _, _ in found]) == expected
+
+
+@pytest.mark.parametrize(
+    ("found", "expected"),
+    [
+        (attempt(["worn_bearing"], 1.31), ["worn_bearing"]),  # a rod that bends was missing, too
+        (attempt(["worn_bearing"], 1.08), []),
+        (attempt(["worn_bearing", "gravity", "soft_drive"], 1.31), []),  # no more may be missing
+        (attempt([FREE_FORM], 1.31), []),
+    ],
+)
+def test_effects_that_explain_less_than_right_ones_are_looked_beside(monkeypatch, found, expected):
+    strategy = "clearance.diagnosis.searching.strategy."
+    for name in ("_search_all", "enlarge", "scrutinise", "retry_nominal", "contest", "prune"):
+        monkeypatch.setattr(strategy + name, lambda *_: None)
+    beside = []
+    monkeypatch.setattr(
+        strategy + "begin_elsewhere", lambda _, __, base: beside.extend(h.name for h in base.hypotheses)
+    )
+    search = SimpleNamespace(late=lambda: False)
+    find_explanation(search, Explanation(attempt([], 40.0), [found]), 3, lambda _: None)
+    assert beside == expected
 
 
 @pytest.mark.parametrize(("misfit", "expected"), [(1.02, []), (5.0, ["sensor_gain + worn_bearing"])])
