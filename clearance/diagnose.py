@@ -27,6 +27,7 @@ from clearance.diagnosis.motion.recordings import only_motion, tracks_of, uncert
 from clearance.diagnosis.motion.search import Findings
 from clearance.diagnosis.report import write_report
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.significance import ENOUGH
 from clearance.diagnosis.sensing.demonstration import CLEARANCE, demonstration
 from clearance.diagnosis.sensing.measured import Measured, chain_of
 from clearance.errors import InputError
@@ -42,6 +43,7 @@ log = logging.getLogger(__name__)
 
 JOINTS = ("B", "C")
 UNKNOWN = "unknown"
+_MOST = 999  # simulations: some seconds each
 
 
 @command("diagnose")
@@ -67,6 +69,7 @@ def main(cfg: DictConfig) -> None:
     if isinstance(most, bool) or not isinstance(most, int) or not 1 <= most <= 3:
         raise InputError(f"most_effects = {most!r} is not a whole number from 1 to 3; change most_effects")
     limit, finished = _time_limit(cfg.time_limit), _finished(cfg.finished)
+    simulations = _simulations(cfg.simulations)
     workers = threads(cfg.workers) or os.cpu_count() or 1
     judging = _files("held_out", cfg.held_out)
     fitting = _files("recordings", cfg.recordings, judging)
@@ -102,7 +105,7 @@ def main(cfg: DictConfig) -> None:
         fitted, judged = _load(recordings, held_out, channels)
         outcome = diagnose(
             fitted, judged, settings, effects, (low, high), workers, most, log.info, keep,
-            limit, finished,
+            limit, finished, simulations,
         )  # fmt: skip
     _write(folder, outcome)
     lines = [*outcome.diagnosis["summary"], *outcome.diagnosis["warnings"]]
@@ -125,6 +128,16 @@ def _time_limit(given: Any) -> float:
     if isinstance(given, bool) or not isinstance(given, int | float) or not given > 0.0:
         raise InputError(f"time_limit = {given!r} is not a time above 0 s or null; change time_limit")
     return float(given)
+
+
+def _simulations(given: Any) -> int:
+    whole = isinstance(given, int) and not isinstance(given, bool)
+    if not (whole and (given == 0 or ENOUGH <= given <= _MOST)):
+        raise InputError(
+            f"simulations = {given!r} is not 0 or a whole number from {ENOUGH} to {_MOST} (fewer support no "
+            "p-value of 0.05); change simulations"
+        )
+    return int(given)
 
 
 def _finished(given: Any) -> Path | None:

@@ -152,6 +152,7 @@ def recordings(tmp_path_factory):
         (("recordings=a.parquet", "finished=5"), "finished = 5"),
         (("recordings=a.parquet", "workers=0"), "workers = 0"),
         (("recordings=a.parquet", "time_limit=-5"), "time_limit = -5"),
+        (("recordings=a.parquet", "simulations=5"), "simulations = 5"),
         (("recordings=a.parquet", "sensors=crank"), "change sensors"),
         (("recordings=[a.parquet,crank.parquet]",), "at least one on rod or slider"),
         (("recordings=[a.parquet,slow.parquet]",), "their rates differ"),

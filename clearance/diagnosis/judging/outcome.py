@@ -14,6 +14,7 @@ from clearance.diagnosis.following.onward import go_on
 from clearance.diagnosis.following.trace import Trace, check_length
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.judging.calibration import simulated_scores
 from clearance.diagnosis.judging.detectability import seen_beside
 from clearance.diagnosis.judging.evidence import gather_evidence
 from clearance.diagnosis.judging.likelihood import ask_likelihood
@@ -38,7 +39,7 @@ from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
 from clearance.diagnosis.searching.location import locate_joint
 from clearance.diagnosis.searching.rattling import between_rails, fit_rattling
 from clearance.diagnosis.searching.search import PATIENCE, Search
-from clearance.diagnosis.searching.significance import p_value
+from clearance.diagnosis.searching.significance import p_value, usual
 from clearance.diagnosis.searching.strategy import find_explanation
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.diagnosis.shooting.follow import alike
@@ -79,6 +80,7 @@ def diagnose(
     keep: Callable[[Explanation], None] = lambda _: None,
     time_limit: float = np.inf,
     finished: Path | None = None,
+    simulations: int = 0,
 ) -> Outcome[Explanation]:
     """Find what the nominal machine lacks.
 
@@ -94,6 +96,7 @@ def diagnose(
         keep: called after each stage with what was found so far.
         time_limit: after which nothing new is tried [s].
         finished: folder in which fits are kept for another run on the same recordings.
+        simulations: of the refitted nominal machine, by which to tell how unusual the recordings are.
 
     Raises:
         InputError: a recording that no machine of this kind could have made.
@@ -117,6 +120,8 @@ def diagnose(
         say("interrupted: what was found so far is judged and written; once more ends it at once")
     if explanation.rails is not None and not explained(explanation.best):
         explanation.shown = between_rails(search, explanation.rails)
+    if simulations:
+        _calibrate(search, explanation, simulations)
     _ask(search, explanation)
     search.report("judging on held-out recordings")
     judged = _judge(held_out, search, explanation)
@@ -143,7 +148,9 @@ def diagnose(
         ],
         "mismatch": {
             "detected": verdict != "none", "score": score,
-            "p_value": None if score is None else p_value(score), "body": body, "direction": direction,
+            "p_value": None if score is None else p_value(score, explanation.simulated),
+            "simulations": 0 if explanation.simulated is None else len(explanation.simulated),
+            "body": body, "direction": direction,
             **where,
         },
         "effects": named,
@@ -183,6 +190,15 @@ def diagnose(
     evidence = gather_evidence(search, explanation, judged.held_out, judged.before, after, errors_fit, here)
     model = setting.model(best.hypotheses)
     return Outcome(diagnosis, evidence, model.machine(best.fit.values[0]), explanation)
+
+
+def _calibrate(search: Search, explanation: Explanation, simulations: int) -> None:
+    """Simulate the nominal machine; where what it explains is as usual there, nothing is asserted."""
+    explanation.simulated = simulated_scores(search, explanation.nominal, _speeds(search), simulations)
+    if explained(explanation.nominal) and usual(explanation):
+        search.report("simulations of the machine, lacking nothing, look as suspicious as the recordings")
+        for attempt in explanation.attempts:
+            attempt.withdrawn = True
 
 
 def _ask(search: Search, explanation: Explanation) -> None:

@@ -56,6 +56,7 @@ class Explanation:
         balanced: whether the drive and the known loads give the torque that the motion needs.
         unpushed: whether no force on the links would give what they do not.
         pushes: single effects that would, with the (unknowns,) sizes of each.
+        simulated: rising falls that hypotheses promised beside simulations of the nominal machine, if asked.
     """
 
     nominal: Attempt
@@ -68,6 +69,7 @@ class Explanation:
     balanced: bool = False
     unpushed: bool = False
     pushes: list[tuple[Hypothesis, np.ndarray]] = field(default_factory=list)
+    simulated: np.ndarray | None = None
 
     @property
     def best(self) -> Attempt:

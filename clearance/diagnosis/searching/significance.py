@@ -23,6 +23,9 @@ SURE = 60.0
 CALM = 1.2
 """Misfit that nothing missing does not bring either."""
 _NULLS = "nulls.json"
+ENOUGH = 19
+"""Simulations of a machine that support a p-value of 0.05."""
+_UNUSUAL = 0.05  # p-value above which nothing is asserted
 _FLOOR = 1.05  # misfit that a right model may leave
 _RIGHT = 1.15  # misfit above which one that explains lacks something: right ones left 1.12 at most
 _SMALL = 0.5  # of the nominal machine's misfit above 1: what is small and right leaves less
@@ -36,12 +39,16 @@ def null_scores() -> np.ndarray:
     return np.sort(np.array(json.loads(text)["null_scores"], dtype=float))
 
 
-def p_value(fall: float) -> float:
+def p_value(fall: float, simulated: np.ndarray | None = None) -> float:
     """Share of machines with nothing missing on which some hypothesis promises such a fall.
 
     Never below 1 / (N + 1). All hypotheses were compared there as here: their number is allowed for.
+
+    Args:
+        fall: of the sum of squares.
+        simulated: (N,) falls beside simulations of the machine itself; those of the stored list if ``None``.
     """
-    scores = null_scores()
+    scores = null_scores() if simulated is None else simulated
     return float((1 + np.count_nonzero(scores >= fall)) / (len(scores) + 1))
 
 
@@ -68,7 +75,14 @@ def _stretches(attempt: Attempt) -> list[tuple[str, int, int]]:
 def suspicious(explanation: Explanation) -> bool:
     """Whether the nominal machine is further off than any on which nothing is missing, though it follows."""
     score = explanation.hints[0].gain if explanation.hints else 0.0
-    return score > SURE or explanation.nominal.misfit > CALM
+    return (score > SURE and not usual(explanation)) or explanation.nominal.misfit > CALM
+
+
+def usual(explanation: Explanation) -> bool:
+    """Whether simulations of the machine itself, lacking nothing, look as suspicious as the recordings."""
+    if explanation.simulated is None or len(explanation.simulated) < ENOUGH or not explanation.hints:
+        return False
+    return p_value(explanation.hints[0].gain, explanation.simulated) > _UNUSUAL
 
 
 def incomplete(attempt: Attempt) -> bool:

@@ -1,10 +1,14 @@
 """p-values: a Monte Carlo test against machines with nothing missing."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from clearance.diagnosis.searching import significance
-from clearance.diagnosis.searching.significance import null_scores, p_value
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.significance import null_scores, p_value, suspicious, usual
+from tests.diagnosis.judging.test_verdict import attempt
 
 
 def test_the_share_of_nulls_that_score_as_high(monkeypatch):
@@ -12,6 +16,22 @@ def test_the_share_of_nulls_that_score_as_high(monkeypatch):
     assert p_value(3.0) == pytest.approx(3 / 5)
     assert p_value(0.5) == 1.0
     assert p_value(1e9) == pytest.approx(1 / 5), "no smaller than the simulation supports"
+
+
+@pytest.mark.parametrize(
+    ("simulated", "expected"),
+    [
+        (None, False),
+        (np.linspace(1.0, 100.0, 19), True),  # a tenth of them look as suspicious
+        (np.linspace(1.0, 89.0, 19), False),
+        (np.full(18, 100.0), False),  # too few to say so
+    ],
+)
+def test_what_simulations_show_as_often_is_usual(simulated, expected):
+    hints = [SimpleNamespace(gain=90.0)]
+    explanation = Explanation(attempt([], 1.0), hints=hints, simulated=simulated)
+    assert usual(explanation) == expected
+    assert suspicious(explanation) != expected
 
 
 def test_the_scores_were_measured():
