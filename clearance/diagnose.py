@@ -22,9 +22,9 @@ from clearance.commands import command, threads
 from clearance.diagnosis.hypotheses.effect import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.outcome import Outcome, diagnose
+from clearance.diagnosis.motion.attempt import Findings
 from clearance.diagnosis.motion.outcome import diagnose as diagnose_motion
 from clearance.diagnosis.motion.recordings import only_motion, tracks_of, uncertain_bounds, zero_is_known
-from clearance.diagnosis.motion.search import Findings
 from clearance.diagnosis.report import write_report
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.significance import ENOUGH

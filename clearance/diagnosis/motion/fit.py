@@ -158,7 +158,7 @@ def _fit(
 ) -> Fit:
     owns = [model.own(b) for b in begin]
     values = np.concatenate([shared, own.ravel()])
-    problem = _Problem(model, tracks, owns, workers)
+    problem = Problem(model, tracks, owns, workers)
     if held:
         problem.hold(shared)
     here = problem.points([values])[0]
@@ -186,7 +186,7 @@ def _fit(
     return problem.finish(values, here)
 
 
-class _Problem:
+class Problem:
     """What stays the same while values change."""
 
     def __init__(
@@ -217,10 +217,11 @@ class _Problem:
         part = track.judged
         return int(part.stop - part.start)
 
-    def _columns(self, track: Track) -> list[int]:
+    def columns(self, track: Track) -> list[int]:
+        """Which of all channels a recording's are."""
         return [self.channels.index(c) for c in track.channels]
 
-    def _predict(self, r: int, guesses: Sequence[Guess | None]) -> np.ndarray:
+    def predicted(self, r: int, guesses: Sequence[Guess | None]) -> np.ndarray:
         """(guesses, judged, channels); NaN for no guess."""
         track = self.tracks[r]
         real = [g for g in guesses if g is not None]
@@ -238,7 +239,7 @@ class _Problem:
         """Residuals and cost at each set of values."""
         rests: list[list[np.ndarray]] = [[] for _ in many]
         for r, track in enumerate(self.tracks):
-            seen = self._predict(r, [self._guess(v, r) for v in many])
+            seen = self.predicted(r, [self._guess(v, r) for v in many])
             for i, rest in enumerate(track.values[track.judged] - seen):
                 rests[i].append(rest)
         return [self._point(values, rest) for values, rest in zip(many, rests, strict=True)]
@@ -247,7 +248,7 @@ class _Problem:
         squares = np.zeros(len(self.channels))
         with np.errstate(all="ignore"):
             for track, rest in zip(self.tracks, rests, strict=True):
-                squares[self._columns(track)] += (rest**2).sum(axis=0)
+                squares[self.columns(track)] += (rest**2).sum(axis=0)
             mean = np.maximum(squares / self.counts, self.smallest**2)
             cost = float((self.counts * np.log(mean)).sum() + (self.weight * (values - self.mean) ** 2).sum())
         if not np.isfinite(squares).all():
@@ -272,7 +273,7 @@ class _Problem:
                         break
                 guesses.append(guess)
                 steps.append((i, change))
-            seen = self._predict(r, guesses)
+            seen = self.predicted(r, guesses)
             base = track.values[track.judged] - here.rests[r]
             derivative = np.zeros((*base.shape, len(mine)))
             for (i, change), one in zip(steps, seen, strict=True):
@@ -291,7 +292,7 @@ class _Problem:
         gradient = self.weight * (self.mean - values)
         for r, (track, derivative) in enumerate(zip(self.tracks, jacobian, strict=True)):
             mine = [*range(self.count), *range(self.count + r * OWN, self.count + (r + 1) * OWN)]
-            sigma = np.sqrt(here.squares[self._columns(track)])
+            sigma = np.sqrt(here.squares[self.columns(track)])
             rows = (derivative / sigma[:, None]).reshape(-1, len(mine))
             rest = (here.rests[r] / sigma).ravel()
             information[np.ix_(mine, mine)] += rows.T @ rows
@@ -335,7 +336,7 @@ class _Problem:
             if np.isfinite(point.cost):
                 for r, (track, derivative) in enumerate(zip(self.tracks, jacobian, strict=True)):
                     mine = range(self.count + r * OWN, self.count + (r + 1) * OWN)
-                    sigma = np.sqrt(here.squares[self._columns(track)])
+                    sigma = np.sqrt(here.squares[self.columns(track)])
                     rows = (derivative[..., self.count :] / sigma[:, None]).reshape(-1, OWN)
                     pull = rows.T @ (point.rests[r] / sigma).ravel()
                     pull += self.weight[mine] * (self.mean[mine] - values[mine])
@@ -350,7 +351,7 @@ class _Problem:
         pulls = []
         for r, (track, derivative) in enumerate(zip(self.tracks, jacobian, strict=True)):
             mine = [*range(self.count), *range(self.count + r * OWN, self.count + (r + 1) * OWN)]
-            sigma = np.sqrt(here.squares[self._columns(track)])
+            sigma = np.sqrt(here.squares[self.columns(track)])
             score = ((derivative / sigma[:, None]) * (here.rests[r] / sigma)[..., None]).sum(axis=1)
             share = max(4, round(_BLOCKS * len(track.values) / sum(len(t.values) for t in self.tracks)))
             for part in np.array_split(score, share):

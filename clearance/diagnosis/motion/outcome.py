@@ -11,11 +11,12 @@ from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.mismatch import whiteness
 from clearance.diagnosis.judging.outcome import Outcome
+from clearance.diagnosis.motion.attempt import Attempt, Findings
 from clearance.diagnosis.motion.beginning import begin
 from clearance.diagnosis.motion.fit import Fit, fit
 from clearance.diagnosis.motion.model import Model, encoder_zero, gather
 from clearance.diagnosis.motion.rest import Explained, angles, explained
-from clearance.diagnosis.motion.search import Attempt, Findings, Search
+from clearance.diagnosis.motion.search import Search
 from clearance.diagnosis.motion.track import Track
 from clearance.diagnosis.motion.verdict import (
     clearance_of,

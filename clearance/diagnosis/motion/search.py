@@ -1,17 +1,18 @@
 """Which terms are missing: added one after the other, each judged after fitting it, and taken out again."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import chain
+from dataclasses import replace
 from math import log
 from time import monotonic
 
 import numpy as np
 
+from clearance.diagnosis.motion.attempt import Attempt, Findings, inside, zero_of
 from clearance.diagnosis.motion.beginning import begin
-from clearance.diagnosis.motion.fit import OWN, Fit, _Problem, fit, inverse_of
+from clearance.diagnosis.motion.fit import fit
 from clearance.diagnosis.motion.model import Model, Term
 from clearance.diagnosis.motion.rest import Explained, explained
+from clearance.diagnosis.motion.screening import screen
 from clearance.diagnosis.motion.track import Track
 from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
@@ -19,7 +20,6 @@ from clearance.mechanism.slider_crank import SliderCrank
 _NEARLY = 0.9  # of the gain of the best: so much from something simpler is preferred
 _FITTED = 4  # terms that are fitted in a round, after screening all
 _LEAST = 10.0  # decrease of the penalised cost for which a term is taken in
-_DOUBT = 6.0  # standard deviations off zero below which a parameter is tried without
 _SURE = 3.3  # standard deviations that the best-known size of a term must lie off zero
 _PIECES, _TURNS, _FEWEST = 8, 2.5, 24  # pieces of all recordings; turns of the crank and samples of each
 _LOOK = 8.0  # s of each recording that are searched; the result is fitted to all of them
@@ -28,96 +28,6 @@ _SECONDS = 60.0  # after which no further term is looked for
 _POOR = 1.2  # residuals over noise from which on terms are not enough, or not rich enough
 _PATIENT = 15  # iterations of a fit
 _BRIEF = 6  # iterations of a fit that is only compared
-
-
-@dataclass
-class Attempt:
-    """A set of terms, fitted.
-
-    Attributes:
-        terms: in the order they were taken in.
-        fit: result.
-        price: cost with a price for each parameter, that of Schwarz 1978.
-    """
-
-    terms: tuple[Term, ...]
-    fit: Fit
-    price: float
-
-    @property
-    def label(self) -> str:
-        """All terms."""
-        return " + ".join(term.label for term in self.terms) or "nominal"
-
-    @property
-    def misfit(self) -> float:
-        """Cost a sample."""
-        return self.fit.cost / self.fit.samples
-
-    def parameters(self, term: Term) -> tuple[np.ndarray, np.ndarray]:
-        """Values and standard deviations of a term, on the scale of the fit."""
-        place = len(self.fit.model.fixed_unknowns)
-        for other in self.terms:
-            if other is term:
-                part = slice(place, place + len(term.unknowns))
-                return self.fit.shared[part], self.fit.deviations[part]
-            place += len(other.unknowns)
-        raise ValueError(f"{term.label} is no term of {self.label}")
-
-    def at_bound(self, term: Term) -> bool:
-        """Whether a parameter of a term lies at a bound that is not where the term vanishes."""
-        values, _ = self.parameters(term)
-        for unknown, value, off in zip(term.unknowns, values, term.off, strict=True):
-            for bound in (unknown.low, unknown.high):
-                if abs(value - unknown.inner(bound)) < 1e-9 and abs(value - off) > 1e-9:
-                    return True
-        return False
-
-    def doubtful(self, term: Term) -> set[str]:
-        """Parameters of a term that may as well be off, and those that have no meaning without them."""
-        values, deviations = self.parameters(term)
-        found = {
-            term.unknowns[i].name
-            for i in term.sizes
-            if np.isfinite(term.off[i]) and abs(values[i] - term.off[i]) < _DOUBT * deviations[i]
-        }
-        if found:
-            found |= {unknown.name for unknown in term.unknowns if unknown.shape}
-        return found
-
-    def sureness(self, term: Term) -> float:
-        """By how many standard deviations a term's best-known size lies off zero."""
-        values, deviations = self.parameters(term)
-        found = 0.0
-        for i in term.sizes:
-            if np.isfinite(term.off[i]):
-                found = max(found, abs(values[i] - term.off[i]) / max(deviations[i], 1e-300))
-            else:  # off is infinitely far on a logarithmic scale: known to a factor of three or not at all
-                found = max(found, log(3.0) / max(deviations[i], 1e-300))
-        return float(found)
-
-
-@dataclass
-class Findings:
-    """All that was tried.
-
-    Attributes:
-        nominal: nothing missing.
-        best: the cheapest attempt that is sure of all its terms.
-        attempts: the others.
-        screened: label to linearised gain of terms that were only screened.
-        zero: whether the encoder's zero is surely off.
-        instead: attempts with another fault in its place.
-        enough: whether the best attempt leaves only noise.
-    """
-
-    nominal: Attempt
-    best: Attempt
-    attempts: list[Attempt] = field(default_factory=list)
-    screened: dict[str, float] = field(default_factory=dict)
-    zero: bool = False
-    instead: list[Attempt] = field(default_factory=list)
-    enough: Explained | None = None
 
 
 class Search:
@@ -196,68 +106,6 @@ class Search:
         self.tracks = given
         return attempt
 
-    def screen(self, base: Attempt, candidates: Sequence[Term]) -> dict[str, tuple[float, np.ndarray]]:
-        """Linearised decrease of the cost by each term, and where to begin with it, from one look around."""
-        model = base.fit.model
-        problem = _Problem(model, self.tracks, [model.own(b) for b in self.begin], self.workers)
-        values = np.concatenate([base.fit.shared, base.fit.own.ravel()])
-        here = problem.points([values])[0]
-        jacobian = problem.jacobian(values, here)
-        information, gradient = problem.normal(values, here, jacobian)
-        found: dict[str, tuple[float, np.ndarray]] = {}
-        for term in candidates:
-            if not term.linear:
-                continue
-            sides = list(chain.from_iterable(_sides(term, start) for start in term.starts))
-            guesses = [
-                [
-                    replace(model, terms=(*base.terms, term)).guess(
-                        np.concatenate([base.fit.shared, side]), base.fit.own[r]
-                    )
-                    for side, _, _ in sides
-                ]
-                for r in range(len(self.tracks))
-            ]
-            columns = [problem._predict(r, guesses[r]) for r in range(len(self.tracks))]
-            best: tuple[float, np.ndarray] | None = None
-            place = 0
-            for start in term.starts:
-                count = len(term.sizes)
-                group = range(place, place + count)
-                place += count
-                cross = np.zeros((count, len(values)))
-                square, pull = np.zeros((count, count)), np.zeros(count)
-                for r, track in enumerate(self.tracks):
-                    mine = [
-                        *range(problem.count),
-                        *range(problem.count + r * OWN, problem.count + (r + 1) * OWN),
-                    ]
-                    sigma = np.sqrt(here.squares[problem._columns(track)])
-                    plain = track.values[track.judged] - here.rests[r]
-                    rows = np.stack(
-                        [((columns[r][k] - plain) / sides[k][2] / sigma).ravel() for k in group], axis=1
-                    )
-                    if not np.isfinite(rows).all():
-                        rows = np.zeros_like(rows)
-                    other = (jacobian[r] / sigma[:, None]).reshape(len(rows), -1)
-                    cross[:, mine] += rows.T @ other
-                    square += rows.T @ rows
-                    pull += rows.T @ (here.rests[r] / sigma).ravel()
-                inverse = inverse_of(information)
-                rest = square - cross @ inverse @ cross.T
-                left = pull - cross @ inverse @ gradient
-                step = np.linalg.pinv(rest + 1e-9 * np.diag(np.diag(square)), hermitian=True) @ left
-                gain = float(left @ step)
-                begun = start.copy()
-                for k, i in enumerate(term.sizes):
-                    unknown = term.unknowns[i]
-                    begun[i] = unknown.inner(unknown.outer(term.off[i] + step[k]))
-                if best is None or gain > best[0]:
-                    best = gain, begun
-            if best is not None:
-                found[term.label] = best
-        return found
-
     def widen(self, findings: Findings, most: int) -> bool:
         """Try one term more, or a richer variant of one; whether anything was gained."""
         base = findings.best
@@ -271,7 +119,7 @@ class Search:
             and not {u.name for u in t.unknowns} <= {u.name for u in old.unknowns}
             and len(t.unknowns) >= len(old.unknowns)
         ]
-        screened = self.screen(base, new)
+        screened = screen(base, new, self.tracks, self.begin, self.workers)
         findings.screened |= {label: gain for label, (gain, _) in screened.items()}
         promising = self._promising(screened)
         tried = []
@@ -421,7 +269,7 @@ class Search:
             findings.nominal = findings.best = self.attempt((), nominal.fit.shared, nominal.fit.own)
             if found.terms:
                 self.report(f"fitting {found.label}")
-                best = self.attempt(found.terms, _inside(found), self.begin, staged=True)
+                best = self.attempt(found.terms, inside(found), self.begin, staged=True)
                 if best.price < findings.nominal.price:
                     findings.best = best
         keep(findings)
@@ -522,39 +370,3 @@ class Search:
             ):
                 found[other] = one
         return sorted(found.values(), key=lambda a: a.price)
-
-
-def zero_of(fit: Fit) -> tuple[float, float]:
-    """The encoder's zero [rad] and its standard deviation; of several recordings their weighted mean."""
-    places = [len(fit.shared) + r * OWN + 4 for r in range(len(fit.own))]
-    variance = np.diag(fit.covariance)[places]
-    weight = 1.0 / np.maximum(variance, 1e-300)
-    return float((weight * fit.own[:, 4]).sum() / weight.sum()), float(weight.sum() ** -0.5)
-
-
-def _inside(attempt: Attempt) -> np.ndarray:
-    """Shared values of an attempt, sizes that vanish put back to a third of a plausible one."""
-    values = attempt.fit.shared.copy()
-    place = len(attempt.fit.model.fixed_unknowns)
-    for term in attempt.terms:
-        for i in term.sizes:
-            if abs(values[place + i] - term.off[i]) < 1e-9:
-                values[place + i] = term.off[i] + 0.3 * (term.starts[0][i] - term.off[i])
-        place += len(term.unknowns)
-    return values
-
-
-def _sides(term: Term, start: np.ndarray) -> list[tuple[np.ndarray, int, float]]:
-    """For each size of a term: values with that size a little on, which it is, and by how much."""
-    found = []
-    for i in term.sizes:
-        side = start.copy()
-        side[term.sizes] = term.off[term.sizes]
-        unknown = term.unknowns[i]
-        step = unknown.step
-        inside = unknown.inner(unknown.outer(term.off[i] + step))
-        if abs(inside - (term.off[i] + step)) > 0.5 * step:
-            step = -step
-        side[i] = term.off[i] + step
-        found.append((side, i, step))
-    return found

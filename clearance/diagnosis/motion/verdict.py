@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from clearance.diagnosis.hypotheses.effect import Effect
+from clearance.diagnosis.motion.attempt import Attempt, Findings, zero_of
 from clearance.diagnosis.motion.fit import Fit
 from clearance.diagnosis.motion.model import Term
-from clearance.diagnosis.motion.search import Attempt, Findings, zero_of
 
 _Z = 1.96  # of a 95 % interval
 _SEEN = 3.3  # standard deviations from which on a clearance counts as seen
