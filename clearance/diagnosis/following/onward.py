@@ -1,4 +1,4 @@
-"""Go on from the path of a fitted stretch through the rest of its recording, up to what was held out."""
+"""Follow what was held out where a first try lost it: from the fitted stretch on, or from other places."""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import COARSE, TIGHT, Attempt, refine
+from clearance.diagnosis.following.attempt import COARSE, EXPLAINED, LOOSENESS, TIGHT, Attempt, refine
 from clearance.diagnosis.following.growth import ISLAND, Followed, Start, grow, scale_of
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.model import Model
 
+_PLACES = 4  # from which a recording that was lost is followed again
 _BACK = 4  # segments before the end of the fitted stretch, which the end's samples hardly know
 
 
@@ -48,6 +49,41 @@ def go_on(attempt: Attempt, traces: Sequence[Trace], model: Model, workers: int)
         each = list(pool.map(one, pairs))
     rows, misfit = np.stack([row for _, row, _ in each]), float(np.mean([m for _, _, m in each]))
     return refine((), model, [follower for follower, _, _ in each], rows, scale_of(misfit), 8, workers)
+
+
+def follow_again(found: Attempt, traces: Sequence[Trace], model: Model, workers: int) -> Attempt:
+    """Follow recordings that were lost from other places, where their path is sure too.
+
+    Near chaos a machine that is right is lost at one impact and not at another.
+
+    Args:
+        found: with the recordings, some lost; returned where nothing is better.
+        traces: of the recordings.
+        model: of a machine that explains others, its speed unknown.
+        workers: threads.
+    """
+
+    def one(r: int) -> Followed:
+        row = found.fit.values[r]
+        best: Followed = (found.followers[r], row, found.misfits[r])
+        if best[2] < EXPLAINED:
+            return best
+        for start in Start.several(traces[r], model.held(row), LOOSENESS, _PLACES):
+            other = grow(start, model, row, patient=True)
+            assert other is not None  # without a limit none is given up
+            best = other if other[2] < best[2] else best
+            if best[2] < EXPLAINED:
+                break
+        return best
+
+    with ThreadPoolExecutor(workers) as pool:
+        each = list(pool.map(one, range(len(traces))))
+    misfit = float(np.mean([m for _, _, m in each]))
+    if not misfit < found.misfit:
+        return found
+    rows = np.stack([row for _, row, _ in each])
+    again = refine((), model, [follower for follower, _, _ in each], rows, scale_of(misfit), 8, workers)
+    return again if again.misfit < found.misfit else found
 
 
 def _grown(start: Start, model: Model, row: np.ndarray) -> Followed:

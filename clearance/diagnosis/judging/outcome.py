@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained, refine
-from clearance.diagnosis.following.onward import go_on
+from clearance.diagnosis.following.onward import follow_again, go_on
 from clearance.diagnosis.following.trace import Trace, check_length
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.hypothesis import Setting
@@ -305,6 +305,8 @@ def _held_out(
             if right and not explained(found):
                 other = go_on(attempt, traces, only_speed, search.workers)
                 found = other if other is not None and other.misfit < found.misfit else found
+            if right and not explained(found):
+                found = follow_again(found, traces, only_speed, search.workers)
     values = found.fit.values
     found.fit.values = np.concatenate(
         [np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1

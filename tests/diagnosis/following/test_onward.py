@@ -1,12 +1,14 @@
 """What was held out is followed from where the fitted stretch of the same recording ends."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from clearance.diagnosis.following import onward
 from clearance.diagnosis.following.attempt import Attempt
-from clearance.diagnosis.following.onward import go_on
+from clearance.diagnosis.following.onward import follow_again, go_on
 from clearance.diagnosis.shooting.fit import fit
 from clearance.diagnosis.shooting.model import Model, Unknown
 from tests.diagnosis.shooting.test_follow import MODEL, RPM, SEGMENTS, TRUTH, follower
@@ -55,3 +57,34 @@ def test_another_recording_is_not_gone_on_to():
     earlier = whole.measured.part(FITTED - 5, SEGMENTS)
     for part in (other, earlier):
         assert go_on(attempt, [Part(part)], only_speed(attempt), 1) is None
+
+
+@pytest.mark.parametrize(
+    ("misfits", "tried"),
+    [([1.0, 40.0, 1.0], [40.0, 7.0, 1.1]), ([1.0, 1.2, 1.0], []), ([1.0, 0.9, 40.0], [])],
+)
+def test_only_what_was_lost_is_followed_from_other_places_until_one_follows(monkeypatch, misfits, tried):
+    asked, ends = [], iter([40.0, 7.0, 1.1, 1.0])
+
+    def grow(start, model, row, patient):
+        asked.append(next(ends))
+        return start, row, asked[-1]
+
+    monkeypatch.setattr(onward, "Start", SimpleNamespace(several=lambda *_: ["a", "b", "c", "d"]))
+    monkeypatch.setattr(onward, "grow", grow)
+    monkeypatch.setattr(
+        onward, "refine", lambda _, model, followers, rows, scale, *more: SimpleNamespace(
+            misfit=1.0 + scale, followers=followers
+        )
+    )  # fmt: skip
+    values = SimpleNamespace(values=np.ones((3, 1)))
+    lost = SimpleNamespace(misfit=np.mean(misfits), misfits=misfits, followers=["x", "y", "z"], fit=values)
+    if misfits[2] > 1.35:  # no place is better
+        ends = iter([50.0] * 4)
+        assert follow_again(lost, [None] * 3, SimpleNamespace(held=lambda row: row), 1) is lost
+        return
+    found = follow_again(lost, [None] * 3, SimpleNamespace(held=lambda row: row), 1)
+    assert asked == tried
+    assert (found is lost) == (not tried)
+    if tried:
+        assert found.followers == ["x", "c", "z"]
