@@ -149,6 +149,7 @@ _lanes_sqrt = _llvm_unary("sqrt")
 _lanes_abs = _llvm_unary("fabs")
 _lanes_rint = _llvm_unary("rint")
 _lanes_exp = _llvm_unary("exp")  # no vector instruction: lane by lane, for rarely used laws
+_lanes_log = _llvm_unary("log")
 _lanes_arcsine = _llvm_unary("asin")
 
 
@@ -248,6 +249,11 @@ def exponential(x: Any) -> Any:
     return np.exp(x)
 
 
+def logarithm(x: Any) -> Any:
+    """The natural logarithm."""
+    return np.log(x)
+
+
 _INLINE = {"forceinline": True}
 
 
@@ -330,6 +336,7 @@ _overload_unary(square_root, _lanes_sqrt, np.sqrt)
 _overload_unary(absolute, _lanes_abs, np.abs)
 _overload_unary(nearest_integer, _lanes_rint, np.rint)
 _overload_unary(exponential, _lanes_exp, np.exp)
+_overload_unary(logarithm, _lanes_log, np.log)
 _overload_unary(arcsine, _lanes_arcsine, np.arcsin)
 
 

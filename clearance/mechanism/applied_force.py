@@ -1,6 +1,6 @@
 """A force of free form: what acts where no named law is at hand.
 
-It acts in one of thirteen directions, or in several: a torque on the crank; forces and a moment on rod and
+It acts in one of fifteen directions, or in several: a torque on the crank; forces and a moment on rod and
 slider; forces on the frame; and forces between journal and bearing of a joint. In each it is a constant plus
 a weight times one table of one argument. The diagnosis fits it to find where a force is missing and what that
 force depends on; a fitted table stands for physics that has no name here.
@@ -9,9 +9,10 @@ A direction is conjugate to a coordinate of the state, so that its power is the 
 rate, and nothing else feels it: a force on the slider is not held by the frame, a force on the rod does not
 bend it. The force inside a joint acts on the journal where it is nearest to the bearing and, opposite, on the
 bearing's body at the same point; normal is along the eccentricity e/|e|, positive where it pushes the journal
-outwards, tangential is against the journal's sliding over the bearing. It is zero in an ideal joint, which
-has no eccentricity. A force on the slider across an ideal guide changes the guide's reaction and therefore
-the friction on it.
+outwards, tangential is against the journal's sliding over the bearing. Damping is no force but one over a
+velocity: what fills the gap resists the journal's motion in the bearing by it, where the journal's centre is.
+All are zero in an ideal joint, which has no eccentricity. A force on the slider across an ideal guide changes
+the guide's reaction and therefore the friction on it.
 """
 
 from collections.abc import Iterable, Sequence
@@ -25,7 +26,8 @@ import numpy as np
 
 from clearance.compilation import kernel
 from clearance.errors import InputError
-from clearance.lanes import absolute, get, maximum, minimum, nearest_integer, where, zero
+from clearance.lanes import absolute, get, logarithm, maximum, minimum, nearest_integer, where, zero
+from clearance.mechanism.film import ECCENTRICITY_LIMIT
 from clearance.mechanism.parameters import TABLE_KNOTS, Family, Law, Parameter, require
 
 DIRECTIONS: tuple[tuple[str, str], ...] = (
@@ -40,8 +42,10 @@ DIRECTIONS: tuple[tuple[str, str], ...] = (
     ("frame", "y"),
     ("joint_b", "normal"),
     ("joint_b", "tangential"),
+    ("joint_b", "damping"),
     ("joint_c", "normal"),
     ("joint_c", "tangential"),
+    ("joint_c", "damping"),
 )
 """Body and direction of each entry from ``FORCE_CRANK_TORQUE`` and from ``TABLE_CRANK_TORQUE`` on."""
 
@@ -67,11 +71,23 @@ class Argument(IntEnum):
     FORCE_B = auto()  # N, normal force of the contact in joint B; 0 where the joint is ideal
     FORCE_C = auto()
     TIME = auto()  # s
+    CLOSENESS_B = auto()  # see ``closeness``; 0 where the joint is ideal
+    CLOSENESS_C = auto()
 
 
 # plain numbers: Numba compares no lanes with members of an enumeration
 _, _CRANK_SPEED, _ROD_ANGLE, _ROD_SPEED, _SLIDER_POSITION, _SLIDER_VELOCITY, *_OTHERS = map(float, Argument)
-_FRAME_X, _FRAME_X_RATE, _FORCE_B, _FORCE_C, _TIME = _OTHERS
+_FRAME_X, _FRAME_X_RATE, _FORCE_B, _FORCE_C, _TIME, _CLOSENESS_B, _CLOSENESS_C = _OTHERS
+
+
+@kernel
+def closeness(ex: Any, ey: Any, clearance: Any) -> Any:
+    """-ln(1 - eps²), eps = eccentricity over clearance: 0 in the middle of the gap, at most 3.9, at 0.99.
+
+    What resists in a gap goes by powers of its thickness, which a table over this follows everywhere.
+    """
+    ratio = (ex * ex + ey * ey) / (clearance * clearance)
+    return -logarithm(maximum(1.0 - ratio, 1.0 - ECCENTRICITY_LIMIT * ECCENTRICITY_LIMIT))
 
 
 @kernel
@@ -163,6 +179,8 @@ def choose_argument(
     force_b: Any,
     force_c: Any,
     time: Any,
+    closeness_b: Any,
+    closeness_c: Any,
 ) -> Any:
     """The argument that the parameter vector asks for, out of all of them."""
     number = get(p, Parameter.TABLE_ARGUMENT)
@@ -175,7 +193,9 @@ def choose_argument(
     argument = where(number == _FRAME_X_RATE, frame_x_rate, argument)
     argument = where(number == _FORCE_B, force_b, argument)
     argument = where(number == _FORCE_C, force_c, argument)
-    return where(number == _TIME, time, argument)
+    argument = where(number == _TIME, time, argument)
+    argument = where(number == _CLOSENESS_B, closeness_b, argument)
+    return where(number == _CLOSENESS_C, closeness_c, argument)
 
 
 @kernel
@@ -212,12 +232,12 @@ class TabulatedForce(Law):
 
     Attributes:
         body: crank, rod, slider, frame, joint_b or joint_c.
-        direction: torque (crank); x, y or moment (rod, slider); x or y (frame); normal or tangential
-            (joints).
+        direction: torque (crank); x, y or moment (rod, slider); x or y (frame); normal, tangential or
+            damping (joints).
         argument: an ``Argument``, in small letters.
         start: argument at the first knot, in SI units.
         spacing: argument from knot to knot; ``None`` where the table repeats.
-        values: force at up to 24 knots [N or N m].
+        values: force at up to 24 knots [N or N m, N s/m for damping].
         interpolation: linear or cubic.
         period: after which a table over time repeats [s]; ``None``: it does not.
     """

@@ -91,8 +91,10 @@ class Parameter(IntEnum):
     FORCE_FRAME_Y = auto()
     FORCE_B_NORMAL = auto()  # N, on the journal along its eccentricity, outwards
     FORCE_B_TANGENTIAL = auto()  # N, on the journal a quarter turn further
+    FORCE_B_DAMPING = auto()  # N s/m, against the journal's velocity in the bearing
     FORCE_C_NORMAL = auto()
     FORCE_C_TANGENTIAL = auto()
+    FORCE_C_DAMPING = auto()
     # the weight of its tabulated part in each direction, in the same order
     TABLE_CRANK_TORQUE = auto()
     TABLE_ROD_X = auto()
@@ -105,8 +107,10 @@ class Parameter(IntEnum):
     TABLE_FRAME_Y = auto()
     TABLE_B_NORMAL = auto()
     TABLE_B_TANGENTIAL = auto()
+    TABLE_B_DAMPING = auto()
     TABLE_C_NORMAL = auto()
     TABLE_C_TANGENTIAL = auto()
+    TABLE_C_DAMPING = auto()
     TABLE_ARGUMENT = auto()  # number of an applied_force.Argument
     TABLE_START = auto()  # argument at the first knot, in the argument's own unit
     TABLE_INVERSE_SPACING = auto()  # 1 / (argument from knot to knot)

@@ -14,7 +14,7 @@ from typing import Any
 
 from clearance.compilation import kernel, subroutine
 from clearance.lanes import get, maximum, put, sine_cosine, square_root, where, zero
-from clearance.mechanism.applied_force import TRACTION_SPEED, applied, choose_argument, look_up
+from clearance.mechanism.applied_force import TRACTION_SPEED, applied, choose_argument, closeness, look_up
 from clearance.mechanism.bearing import worn_surface
 from clearance.mechanism.choice import chosen
 from clearance.mechanism.contact import APPROACH_FLOOR, normal_force
@@ -129,7 +129,7 @@ def _push_on_journal(
     journal_spin: Any,
     bearing_spin: Any,
 ) -> Any:
-    """Applied force on a journal from its normal part, at ``entry``, and the tangential part after.
+    """Applied force on a journal: its normal part at ``entry``, then the tangential part and the damping.
 
     Returns:
         Force on the journal (x, y) [N], moment on the journal's and on the bearing's body about the centres
@@ -140,7 +140,10 @@ def _push_on_journal(
     sliding = _sliding(nx, ny, vx, vy, distance, radius, journal_spin, bearing_spin)
     along = applied(p, entry, table)
     across = -applied(p, entry + 1, table) * smoothed_sign(sliding, TRACTION_SPEED)
-    return along * nx - across * ny, along * ny + across * nx, radius * across, -(distance + radius) * across
+    damping = applied(p, entry + 2, table)
+    slow_x, slow_y = -damping * vx, -damping * vy
+    fx, fy = along * nx - across * ny + slow_x, along * ny + across * nx + slow_y
+    return fx, fy, radius * across, ey * slow_x - ex * slow_y - (distance + radius) * across
 
 
 @kernel
@@ -241,6 +244,13 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
     table = nothing
     if chosen(codes, Family.FORCE) > 0:
         if chosen(codes, Family.FORCE) == 1:
+            close_b, close_c = nothing, nothing
+            if loose_b:
+                ex, ey = eccentricity_b(p, s)
+                close_b = closeness(ex, ey, get(p, Parameter.JOINT_CLEARANCE))
+            if loose_c:
+                ex, ey = eccentricity_c(p, s)
+                close_c = closeness(ex, ey, get(p, JOINT_STRIDE + Parameter.JOINT_CLEARANCE))
             argument = choose_argument(
                 p,
                 get(s, State.CRANK_ANGLE),
@@ -254,6 +264,8 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
                 normal_b,
                 normal_c,
                 get(s, State.TIME),
+                close_b,
+                close_c,
             )
             table = look_up(p, argument)
         crank_torque = crank_torque + applied(p, Parameter.FORCE_CRANK_TORQUE, table)

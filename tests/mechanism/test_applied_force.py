@@ -33,7 +33,7 @@ def look_up_row(p, x, out):
 
 @entry
 def chosen_argument(p, x):
-    return choose_argument(p, x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
+    return choose_argument(p, x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11], x[12])
 
 
 VALUES = st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=TABLE_KNOTS)
@@ -157,7 +157,7 @@ def test_lanes_with_tables_of_their_own_look_up_what_a_single_run_does():
 def test_each_argument_has_its_number(argument):
     name = argument.name.lower()
     p = parameters(argument=name, spacing=None if name == "crank_angle" else 1.0)
-    assert chosen_argument(p, np.arange(100.0, 111.0)) == 100.0 + argument
+    assert chosen_argument(p, np.arange(100.0, 113.0)) == 100.0 + argument
 
 
 def test_each_direction_has_a_constant_and_a_weight_in_the_same_order():

@@ -8,6 +8,7 @@ import pytest
 from clearance.lanes import WIDTH
 from clearance.mechanism.applied_force import DIRECTIONS, Argument, TabulatedForce
 from clearance.mechanism.drive import SpeedControl
+from clearance.mechanism.film import SqueezeFilm
 from clearance.mechanism.frame import FlexibleFrame
 from clearance.mechanism.guide import LooseGuide, StribeckGuide
 from clearance.mechanism.joint import Joint
@@ -16,6 +17,7 @@ from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.batch import Sampling, run_batch
 from clearance.simulation.decimation import Decimation
+from clearance.simulation.eccentricity import eccentricity_b, eccentricity_c
 from clearance.simulation.integrator import Integrator
 from clearance.simulation.layout import COORDINATES, RESULTS, SIGNALS, STATES, Result, State
 from clearance.simulation.lockstep import trace
@@ -107,6 +109,8 @@ def rate_of_direction(machine, s, body, direction):
         v = drift + 0.06 * turn(rod, w) - s[State.SLIDER_X_RATE : State.SLIDER_Y_RATE + 1]
         spins = w, s[State.SLIDER_SPEED]
     normal = e / np.hypot(*e)
+    if direction == "damping":  # the bearing's body feels it where the journal's centre is
+        return -v @ (v - spins[1] * np.array([-e[1], e[0]]))
     if direction == "normal":
         return v @ normal
     # both sides feel it where the surfaces meet, a radius beyond the journal's centre, against the sliding
@@ -115,6 +119,12 @@ def rate_of_direction(machine, s, body, direction):
     across = v @ np.array([-normal[1], normal[0]])
     sliding = across + radius * journal - (np.hypot(*e) + radius) * bearing
     return -sliding * sliding / np.hypot(sliding, 1e-3)
+
+
+def nearness(s, eccentricity, clearance):
+    """-ln(1 - eps²) up to 0.99 of the clearance."""
+    gap = np.hypot(*eccentricity(SliderCrank().parameters(), s)) / clearance
+    return -np.log(max(1.0 - gap**2, 1.0 - 0.99**2))
 
 
 def kinetic_power(machine, state, change):
@@ -166,6 +176,27 @@ def test_a_force_across_an_ideal_guide_is_carried_by_it(joints):
     np.testing.assert_allclose(r[:, Result.GUIDE_FRICTION], expected, atol=2e-3 * np.abs(expected).max())
 
 
+def test_a_table_over_closeness_follows_a_film_over_all_its_thicknesses():
+    machine = SliderCrank(joint_c=Joint(3e-4), guide=LooseGuide(5e-5, 1e6, 0.0))
+    thick = np.linspace(0.0, -np.log(1.0 - 0.99**2), 24)
+    table = TabulatedForce(
+        "joint_c", "damping", "closeness_c", 0.0, thick[1], tuple(0.2 * np.exp(1.5 * thick)), "cubic"
+    )
+    filmed = replace(machine, joint_c=Joint(3e-4, film=SqueezeFilm(0.2)))
+    generator = np.random.default_rng(3)
+    for _ in range(40):
+        state = random_state(machine, generator)
+        e = generator.uniform(-1.1, 1.1) * 3e-4 * np.array([0.6, 0.8])
+        state[State.SLIDER_X : State.SLIDER_Y + 1] += (
+            np.array(eccentricity_c(machine.parameters(), evaluated(machine, state)[0])) - e
+        )
+        _, none, _ = evaluated(machine, state)
+        _, film, _ = evaluated(filmed, state)
+        _, like, _ = evaluated(replace(machine, force=table), state)
+        change = (film - none)[:COORDINATES]
+        np.testing.assert_allclose((like - none)[:COORDINATES], change, atol=0.01 * np.abs(change).max())
+
+
 ARGUED = [
     ("crank", "torque", "crank_angle", None, (0.3, -0.2, 0.1)),
     ("slider", "x", "slider_velocity", 1.0, (2.0, 2.0, -2.0)),
@@ -174,7 +205,7 @@ ARGUED = [
     ("slider", "x", "slider_position", 0.02, (3.0, 1.0, -2.0, 4.0)),
     ("joint_c", "tangential", "force_c", 100.0, (0.0, 5.0)),
     ("joint_c", "normal", "time", 0.05, (0.0, 2.0)),
-    ("rod", "x", "crank_speed", 10.0, (0.0, -1.0)),
+    ("joint_c", "damping", "closeness_c", 1.0, (0.1, 0.3, 2.0)),
 ]
 
 
@@ -219,6 +250,8 @@ def test_each_argument_is_the_machines_own(argument):
         Argument.FORCE_B: result[Result.NORMAL_FORCE_B],
         Argument.FORCE_C: result[Result.NORMAL_FORCE_C],
         Argument.TIME: 0.7,
+        Argument.CLOSENESS_B: nearness(at, eccentricity_b, machine.joint_b.clearance),
+        Argument.CLOSENESS_C: nearness(at, eccentricity_c, machine.joint_c.clearance),
     }[argument]
     # a table of slope one around the expected argument gives back the distance from its start
     name = argument.name.lower()

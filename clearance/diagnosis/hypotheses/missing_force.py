@@ -21,6 +21,7 @@ from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.diagnosis.shooting.model import Unknown
 from clearance.diagnosis.shooting.stretch import INPUTS, Comparison, Pass
 from clearance.mechanism.applied_force import TabulatedForce, shares
+from clearance.mechanism.film import ECCENTRICITY_LIMIT
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.layout import Signal
 
@@ -35,6 +36,10 @@ _FRICTION = 0.3  # of a contact's force: what may act beside it
 _LINE = 2  # knots over a contact's force, far beyond which impacts are: nothing holds the bends of more
 KNOTS = 12
 """Of a curve that nobody has refined."""
+DAMPING = "damping"
+"""Direction of what resists a journal's motion in its bearing: a force along no direction of its own."""
+CLOSEST = float(-np.log(1.0 - ECCENTRICITY_LIMIT**2))
+"""Of a journal to its bearing, up to which what fills the gap is asked for."""
 FREE_FORM = "free_form"
 """Name of the hypothesis that is no named effect."""
 
@@ -287,6 +292,16 @@ def as_function_of(force: np.ndarray, values: np.ndarray, curve: Curve) -> tuple
     return replace(curve, forces=forces), left
 
 
+def resisting(joint: str, size: float) -> Curve:
+    """What fills the gap of joint B or C and resists the journal's motion, the more the closer it comes.
+
+    Begun as if its damping [N s/m], ``size`` in the middle, grew as one over the gap's thickness.
+    """
+    knots = np.linspace(0.0, CLOSEST, KNOTS)
+    none = np.zeros(KNOTS)
+    return Curve(f"joint_{joint.lower()}", DAMPING, "closeness", knots, size * np.exp(knots), none, 0.0, 0.0)
+
+
 def along(curve: Curve, values: np.ndarray) -> np.ndarray:
     """(segments,) force of a curve at values of its argument [N or N m]."""
     return curve.shares(values) @ curve.forces
@@ -353,7 +368,8 @@ def unnamed(hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:
 
 def free_form(curve: Curve, joint: str) -> Hypothesis:
     """A curve as a hypothesis whose parameters are its forces at the knots."""
-    argument = curve.argument if curve.argument != "contact_force" else contact_force_of(joint)
+    own = {"contact_force": contact_force_of(joint), "closeness": f"closeness_{joint.lower()}"}
+    argument = own.get(curve.argument, curve.argument)
     spacing = None if curve.repeats else float(curve.knots[1] - curve.knots[0])
     typical = float(max(np.abs(curve.forces).max(), 1e-3))
     if curve.argument == "contact_force" and curve.direction not in ("torque", "moment"):
@@ -366,9 +382,13 @@ def free_form(curve: Curve, joint: str) -> Hypothesis:
         )  # fmt: skip
         return replace(machine, force=law)
 
+    resists = curve.direction == DAMPING  # over its whole range, from little to much; and never pushes on
+    sizes = np.maximum(curve.forces, 1e-6) if resists else np.full(len(curve.knots), typical)
     unknowns = tuple(
-        Unknown(f"force_at_{knot:.4g}", 1e-4 * typical, -1e5, 1e5, reach=0.3 * typical)
-        for knot in curve.knots
+        Unknown(
+            f"force_at_{knot:.4g}", 1e-4 * size, 0.0 if resists else -1e5, 1e5, reach=0.3 * size, log=resists
+        )
+        for knot, size in zip(curve.knots, sizes, strict=True)
     )
     return Hypothesis(
         FREE_FORM, "physics", curve.body, curve.direction, unknowns, np.zeros(len(unknowns)),

@@ -8,7 +8,7 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
-from clearance.diagnosis.hypotheses.missing_force import FREE_FORM, unnamed
+from clearance.diagnosis.hypotheses.missing_force import DAMPING, FREE_FORM, unnamed
 from clearance.diagnosis.searching.explanation import Explanation, penalised
 from clearance.diagnosis.searching.significance import beats, margin, suspicious, unsettled
 from clearance.diagnosis.shooting.covariance import deviations
@@ -17,7 +17,13 @@ from clearance.mechanism.applied_force import TabulatedForce, shares
 _PUSHES = {"torque": "torque", "moment": "moment"}
 _ALONG = 4  # points from knot to knot at which a spline is given
 _WORSE = 1.02  # and ratio of their levels
-_UNITS = {"crank_angle": "rad", "slider_position": "m", "slider_velocity": "m/s", "time": "s"}
+_UNITS = {
+    "crank_angle": "rad",
+    "slider_position": "m",
+    "slider_velocity": "m/s",
+    "time": "s",
+    "closeness": "-",
+}
 _CLOSED, _AGREED = 0.5, 0.2  # of the clearance that the motion shows: a gap that closed; what it may err by
 _FAR_NEARER = 0.5  # of the best misfit: what leaves less, if of one recording only, says more of the place
 _NEAR = 2.0  # times the best misfit: models that say as much of the clearance, where none explains
@@ -111,7 +117,7 @@ def place_of(explanation: Explanation, held_out: Attempt | None = None) -> tuple
         assert explanation.agreed is not None
         return f"joint_{explanation.agreed[0].lower()}", "normal"
     if best.hypotheses:
-        return best.hypotheses[0].body, best.hypotheses[0].direction
+        return best.hypotheses[0].body, _along(best.hypotheses[0].direction)
     if verdict_of(explanation, held_out) == "none":
         return None, None
     if suspected is not None:
@@ -120,6 +126,11 @@ def place_of(explanation: Explanation, held_out: Attempt | None = None) -> tuple
         likeliest = explanation.hints[0].hypotheses[0]
         return likeliest.body, likeliest.direction
     return None, None
+
+
+def _along(direction: str) -> str:
+    """Direction in the contract's words: what fills a gap holds the journal off the bearing."""
+    return "normal" if direction == DAMPING else direction
 
 
 def _nearer(explanation: Explanation) -> bool:
@@ -232,11 +243,16 @@ def sentences(
         law = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force
         argument = argument_of(law) if isinstance(law, TabulatedForce) else ""
         share = "" if explained(best) else "most of "
+        where = curve.body.replace("_", " ")
+        what = (
+            f"a resistance to the journal's motion in {where}, by its closeness to the bearing,"
+            if curve.direction == DAMPING
+            else f"a {_PUSHES.get(curve.direction, 'force')} on the {where} ({curve.direction}) that depends "
+            f"on {argument.replace('_', ' ')}{_rhythm(law)}"
+        )
         lines.append(
-            f"Something is missing that has no name here: a {_PUSHES.get(curve.direction, 'force')} on the "
-            f"{curve.body.replace('_', ' ')} ({curve.direction}) that depends on "
-            f"{argument.replace('_', ' ')}{_rhythm(law)} explains {share}the recordings; its table is in "
-            "corrected.yaml."
+            f"Something is missing that has no name here: {what} explains {share}the recordings; its table "
+            "is in corrected.yaml."
         )
     for hypothesis in best.hypotheses:
         count = len(hypothesis.unknowns)
@@ -348,8 +364,10 @@ def effects_of(attempt: Attempt, chance: dict[int, float], basis: str = "predict
 
 
 def argument_of(law: TabulatedForce) -> str:
-    """What a table is a function of, as the contract has it: whose contact's force, its joint says."""
-    return "contact_force" if law.straight else law.argument
+    """What a table is a function of, as the contract has it: of whose contact, its joint says."""
+    if law.straight:
+        return "contact_force"
+    return "closeness" if law.argument.startswith("closeness") else law.argument
 
 
 def free_form_of(attempt: Attempt, setting: Setting) -> dict[str, Any] | None:
@@ -376,8 +394,8 @@ def free_form_of(attempt: Attempt, setting: Setting) -> dict[str, Any] | None:
     combined[:, place : place + count] = own
     forces, band = own @ values, 1.96 * deviations(attempt.fit, combined)
     return {
-        "body": law.body, "direction": law.direction, "argument": argument_of(law),
-        "unit": "N m" if law.direction in ("torque", "moment") else "N",
+        "body": law.body, "direction": _along(law.direction), "argument": argument_of(law),
+        "unit": {"torque": "N m", "moment": "N m", DAMPING: "N s/m"}.get(law.direction, "N"),
         "argument_unit": _UNITS.get(argument_of(law), "N"), "period": law.period,
         "clocks": [f.measured.clock for f in attempt.followers] if law.argument == "time" else None,
         "table": [[law.start + spacing * k, float(force)] for k, force in zip(steps, forces, strict=True)],

@@ -155,7 +155,7 @@ def _tabulated(
     if not counts(p):
         return 0.0
     argument = choose_argument(
-        p, angle, speed, rod_angle, rod_speed, place, velocity, 0.0, 0.0, 0.0, 0.0, 0.0
+        p, angle, speed, rod_angle, rod_speed, place, velocity, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     )
     return float(look_up(p, argument))
 

@@ -8,6 +8,7 @@ import numpy as np
 from clearance.diagnosis.following.attempt import EXPLAINED, POOR, Attempt, explained
 from clearance.diagnosis.following.growth import Followed, grow
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.hypotheses.missing_force import free_form, resisting
 from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.searching.everywhere import astray, fit_everywhere, start_with
 from clearance.diagnosis.searching.explanation import Explanation
@@ -27,6 +28,7 @@ _ELSEWHERE = (DRIVE, "second_clearance", "rod_flexibility", "flexible_base", LOO
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
 _OUTSIDE = ("crank", "rod", "slider")  # what acts there does work
 _FILM, _FRAME = "joint_lubrication", "flexible_base"
+_RESISTING = (1.0, 0.2, 5.0)  # N s/m in the middle of the gap, from which a table of resistance begins
 _EDGED = "process_load"  # at one place of many: a size alone says nothing
 
 
@@ -122,14 +124,21 @@ def begin_film(search: Search, explanation: Explanation) -> None:
     """Fit a film in the joint where the motion shows another clearance than the nominal machine finds.
 
     A machine whose journal is cushioned moves as if its gap were small, which the geometry contradicts. Where
-    the path is near, a film shows little in a linear look, and is found from any plausible size.
+    the path is near, a film shows little in a linear look, and is found from any plausible size. Where films
+    are not among the hypotheses, or one explains a part and not all, a resistance of free form is tried.
     """
-    nominal, shown = explanation.nominal, search.profile.best
-    other = astray(nominal.fit.values[0, 0], shown)
+    nominal, shown, joint = explanation.nominal, search.profile.best, search.setting.joint
+    clearance = shown if astray(nominal.fit.values[0, 0], shown) else None
+    films = [g for g in search.groups.values() if g[0].name == _FILM]
+    sizes: Sequence[float] = () if films else _RESISTING
     near = nominal.misfit < FAR and not explained(nominal)  # beyond: in ``begin_plausible``
-    if other or near:
-        groups = [g for g in search.others(nominal) if g[0].name == _FILM]
-        _try_out(search, explanation, nominal, groups, shown if other else None)
+    if films and (clearance or near):
+        _try_out(search, explanation, nominal, films, clearance)
+        best = explanation.best
+        if [h.name for h in best.hypotheses] == [_FILM] and not explained(best):
+            sizes, clearance = [float(best.fit.values[0, 1])], float(best.fit.values[0, 0])
+    tables = [free_form(resisting(joint, size), joint) for size in sizes]
+    _try_out(search, explanation, nominal, [tables] if tables else [], clearance)
 
 
 def _try_out(

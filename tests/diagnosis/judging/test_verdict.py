@@ -7,7 +7,15 @@ import pytest
 
 from clearance.diagnosis.following.attempt import Attempt
 from clearance.diagnosis.hypotheses.hypothesis import Setting
-from clearance.diagnosis.hypotheses.missing_force import FREE_FORM, Curve, free_form
+from clearance.diagnosis.hypotheses.missing_force import (
+    CLOSEST,
+    DAMPING,
+    FREE_FORM,
+    KNOTS,
+    Curve,
+    free_form,
+    resisting,
+)
 from clearance.diagnosis.judging import verdict
 from clearance.diagnosis.judging.verdict import (
     Estimate,
@@ -25,6 +33,7 @@ from clearance.diagnosis.judging.verdict import (
 from clearance.diagnosis.searching.explanation import Explanation, Rails, Suspected
 from clearance.diagnosis.shooting.fit import Fit
 from clearance.diagnosis.shooting.model import Model, Unknown
+from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 
 
@@ -112,6 +121,30 @@ def test_a_gap_that_no_machine_keeps_open_is_the_joint_s(fitted, cushioned, monk
         sentences("unknown", explanation, "B", {"held_out": {"before": 2.0, "after": 1.9}}, ["rod_b_axial"])
     )
     assert ("0.550 mm of clearance in joint B" in told) == cushioned
+
+
+def test_what_fills_a_gap_is_told_as_a_resistance_along_the_contracts_direction(monkeypatch):
+    hypothesis = free_form(resisting("C", 0.2), "C")
+    best, nominal = attempt([FREE_FORM], 1.0), attempt([], 50.0)
+    best.hypotheses, best.model.shared = (hypothesis,), 1 + KNOTS
+    sizes = 0.3 * np.exp(1.5 * np.linspace(0.0, CLOSEST, KNOTS))
+    nominal.fit.values, best.fit.values = np.array([[5e-4, 700.0]]), np.array([[4e-4, *sizes, 700.0]])
+    nominal.model.machine = lambda values: SliderCrank(joint_c=Joint(values[0]))
+    monkeypatch.setattr(verdict, "estimates", lambda _: [Estimate(3e-4, 3e-4, 3e-4)] * (1 + KNOTS))
+    monkeypatch.setattr(verdict, "deviations", lambda fit, combined: np.full(len(combined), 0.1))
+    explanation = Explanation(nominal, [best])
+    assert verdict_of(explanation) == "unknown"
+    assert place_of(explanation) == ("joint_c", "normal")
+    told = free_form_of(best, Setting(SliderCrank(), "C"))
+    assert (told["body"], told["direction"], told["argument"]) == ("joint_c", "normal", "closeness")
+    assert (told["unit"], told["argument_unit"]) == ("N s/m", "-")
+    np.testing.assert_allclose(np.array(told["table"])[:, 1], sizes)
+    fit = {"held_out": {"before": 9.0, "after": 1.0}}
+    said = sentences("unknown", explanation, "C", fit, ["rod_c_axial"])
+    assert "resistance to the journal's motion in joint c" in said[0]
+    law = hypothesis.apply(SliderCrank(joint_c=Joint(4e-4)), sizes).force
+    assert (law.direction, law.argument) == (DAMPING, "closeness_c")
+    assert all(u.low == 0.0 and u.log for u in hypothesis.unknowns)  # it never pushes
 
 
 def between_rails():

@@ -11,7 +11,10 @@ from clearance.diagnosis.following.attempt import EXPLAINED, explained, whole
 from clearance.diagnosis.hypotheses.effect import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.hypotheses.missing_force import (
+    CLOSEST,
+    DAMPING,
     FREE_FORM,
+    KNOTS,
     Curve,
     along,
     as_function_of,
@@ -284,6 +287,31 @@ def test_a_film_is_found_where_the_gap_looks_right_and_the_path_is_near():
     clearance, damping, _ = explanation.best.fit.values[0]
     assert clearance == pytest.approx(1.2e-4, rel=0.01)
     assert damping == pytest.approx(0.3, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_film_without_its_name_is_a_table_over_the_journals_closeness():
+    found, explanation = within(7e-4, ("restitution",), film=SqueezeFilm(damping=1.0))
+    begin_film(found, explanation)
+    best = explanation.best
+    assert explained(best)
+    assert best.hypotheses[0].direction == DAMPING
+    assert best.fit.values[0, 0] == pytest.approx(7e-4, rel=0.01)
+    assert best.fit.values[0, KNOTS] == pytest.approx(np.exp(1.5 * CLOSEST), rel=0.1)  # where it lies
+
+
+@pytest.mark.slow
+def test_what_fills_the_gap_by_another_law_than_a_films_is_a_table():
+    thick = np.linspace(0.0, CLOSEST, 24)
+    law = TabulatedForce(
+        "joint_c", DAMPING, "closeness_c", 0.0, thick[1], tuple(0.5 * np.exp(0.7 * thick)), "cubic"
+    )
+    found, explanation = search(5e-4, ("joint_lubrication", "restitution"), force=law)
+    begin_film(found, explanation)
+    best = explanation.best
+    assert explained(best)
+    assert [h.direction for h in best.hypotheses] == [DAMPING]
+    assert best.fit.values[0, 0] == pytest.approx(5e-4, rel=0.01)
 
 
 @pytest.mark.slow
