@@ -67,10 +67,12 @@ function freeForm() {
   if (table.length < 2) return;
   const argument = curve.argument ? words(curve.argument) : "its argument";
   const unit = { x: curve.argument_unit ?? { slider_position: "m", slider_velocity: "m/s", crank_angle: "°", crank_speed: "rad/s", contact_force: "N", time: "s" }[curve.argument] ?? "", y: curve.unit ?? (isTurning(curve.direction) ? "N m" : "N") };
-  const block = section("curve", "The missing force as a curve", `No law is assumed: the ${acting(curve)} against ${argument}, as the recordings have it.`);
-  const box = card(block, title(`${acting(curve)} against ${argument}`));
+  const resists = unit.y === "N s/m"; // of what fills a gap: force over the journal's velocity
+  const what = resists ? `damping in ${BODIES[curve.body] ?? words(curve.body)}` : acting(curve);
+  const block = section("curve", "The missing force as a curve", `No law is assumed: the ${what} against ${argument}, as the recordings have it.`);
+  const box = card(block, title(`${what} against ${argument}`));
   const banded = list(curve.low).length === table.length && list(curve.high).length === table.length;
-  curves(box, { label: `${acting(curve)} against ${argument}${banded ? " with its 95 % band" : ""}`, x: { label: argument, unit: unit.x }, panels: [{ label: isTurning(curve.direction) ? words(curve.direction) : "force", unit: unit.y, height: 300, zero: true,
+  curves(box, { label: `${what} against ${argument}${banded ? " with its 95 % band" : ""}`, x: { label: argument, unit: unit.x }, panels: [{ label: resists ? "damping" : isTurning(curve.direction) ? words(curve.direction) : "force", unit: unit.y, height: 300, zero: true,
     series: [{ name: "curve", label: "free-form force", style: "after", x: table.map((pair) => pair[0]), y: table.map((pair) => pair[1]), ...(banded ? { low: curve.low, high: curve.high } : {}) }] }] });
   if (banded) box.append(h("p", { class: "hint" }, "Band: 95 % interval."));
   const [source, path] = filled(EVIDENCE.free_form) ? ["evidence", ["free_form"]] : ["diagnosis", ["free_form"]];

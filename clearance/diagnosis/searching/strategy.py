@@ -22,7 +22,7 @@ from clearance.diagnosis.searching.from_motion import (
     begin_pairs,
     begin_wear,
 )
-from clearance.diagnosis.searching.geometry import LOOSE_GUIDE, suggest_channels
+from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE, suggest_channels
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.scrutiny import contest, scrutinise
 from clearance.diagnosis.searching.search import FAR, NEARLY, Search
@@ -34,6 +34,7 @@ from clearance.diagnosis.searching.widen import deafen, glaring, look, settled, 
 from clearance.diagnosis.searching.work import Balanced
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
+_SEEN = 0.5  # likewise of a dimension, which the motion vouches for whatever the forces
 _HALF = 0.5  # of what is missing: a named force that leaves less may stand for one without a name
 _ROOM = 1.03  # misfit above which an effect that explains may have more parameters
 _FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
@@ -248,9 +249,10 @@ def _loose(attempt: Attempt) -> bool:
 
 def _in_part(attempt: Attempt, base: Attempt) -> bool:
     """Whether named effects explain a good part of what ``base`` leaves, and not all."""
+    geometric = bool(attempt.hypotheses) and attempt.hypotheses[-1].name in GEOMETRIC
     return (
         len(attempt.hypotheses) > len(base.hypotheses)
         and unnamed(attempt.hypotheses) is None
         and not explained(attempt)
-        and penalised(attempt) < _PART * penalised(base)
+        and penalised(attempt) < (_SEEN if geometric else _PART) * penalised(base)
     )

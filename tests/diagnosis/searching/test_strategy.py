@@ -21,7 +21,7 @@ from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.searching.scrutiny import _compare_kinds
 from clearance.diagnosis.searching.significance import unsettled
-from clearance.diagnosis.searching.strategy import _enough, _search_all, find_explanation
+from clearance.diagnosis.searching.strategy import _enough, _in_part, _search_all, find_explanation
 from clearance.diagnosis.searching.widen import deafen, glaring, kinds, look
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.judging.test_verdict import attempt
@@ -314,6 +314,22 @@ def test_two_parts_that_do_not_explain_are_followed_on_paths_of_their_own(monkey
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(again) > 0)
     _search_all(search, explanation, 3, lambda _: None)
     assert again == expected
+
+
+@pytest.mark.parametrize(
+    ("names", "misfit", "expected"),
+    [
+        (["slider_offset"], 10.1, True),  # a rod that bends was missing beside it
+        (["slider_offset"], 14.0, False),
+        (["rod_inertia"], 10.1, False),
+        (["rod_inertia"], 7.0, True),
+        (["rod_inertia"], 1.1, False),  # nothing is left
+        ([FREE_FORM], 7.0, False),
+        ([], 7.0, False),
+    ],
+)
+def test_a_good_part_of_what_is_missing_is_built_on(names, misfit, expected):
+    assert _in_part(attempt(names, misfit), attempt([], 25.2)) == expected
 
 
 def test_a_hint_begins_where_the_balance_of_work_saw_a_load(monkeypatch):
