@@ -16,8 +16,11 @@ _STEPS = 6  # in which clearance and path follow each
 
 
 def prune(search: Search, explanation: Explanation) -> None:
-    """Take effects away from the best attempt as long as it explains as much without them."""
-    while len(explanation.best.hypotheses) > 1 and not search.late():
+    """Take effects away from the best attempt as long as it explains as much without them.
+
+    However late it is: beside a second effect, though it was too many, the first one's path was put right.
+    """
+    while len(explanation.best.hypotheses) > 1:
         best = explanation.best
         for left_out in range(len(best.hypotheses)):
             held = [h for i, h in enumerate(best.hypotheses) if i != left_out]
@@ -29,6 +32,8 @@ def prune(search: Search, explanation: Explanation) -> None:
                 place += count
             values = best.fit.values[:, [*keep, place]]
             if best.hypotheses[left_out].structural(search.setting.with_clearance(3e-4)):
+                if search.late():
+                    continue
                 # a path with other coordinates is no beginning
                 search.keep(
                     explanation,
