@@ -28,6 +28,7 @@ _ELSEWHERE = (DRIVE, "second_clearance", "rod_flexibility", "flexible_base", LOO
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
 _OUTSIDE = ("crank", "rod", "slider")  # what acts there does work
 _FILM, _FRAME = "joint_lubrication", "flexible_base"
+_INSIDE = ("joint_friction", "contact_stiffness", "restitution")
 _RESISTING = (1.0, 0.2, 5.0)  # N s/m in the middle of the gap, from which a table of resistance begins
 _EDGED = "process_load"  # at one place of many: a size alone says nothing
 
@@ -112,7 +113,7 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
         for group in search.others(base)
         if _of_one_size(group[0])
         and group[0].fault is None
-        and group[0].name not in (*_ELSEWHERE, *GEOMETRIC, _EDGED)
+        and group[0].name not in (*_ELSEWHERE, *GEOMETRIC, *_INSIDE, _EDGED)
         and group[0].label not in known
         and not (explanation.balanced and group[0].body in _OUTSIDE)
     ]
@@ -120,25 +121,25 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
     _try_out(search, explanation, base, [*groups, *([] if explanation.balanced else drives)], None)
 
 
-def begin_film(search: Search, explanation: Explanation) -> None:
-    """Fit a film in the joint where the motion shows another clearance than the nominal machine finds.
+def begin_inside(search: Search, explanation: Explanation) -> None:
+    """Fit what acts inside the joint from plausible sizes, where nothing outside explained.
 
-    A machine whose journal is cushioned moves as if its gap were small, which the geometry contradicts. Where
-    the path is near, a film shows little in a linear look, and is found from any plausible size. Where films
-    are not among the hypotheses, or one explains a part and not all, a resistance of free form is tried.
+    Beside a path that is not right yet a linear look at impacts tells little of these: a film shows as a gap
+    that is too small, and friction of 0.09 as one of 0.016, from where no way leads on. Where films are not
+    among the hypotheses, or one explains a part and not all, a resistance of free form is tried.
     """
     nominal, shown, joint = explanation.nominal, search.profile.best, search.setting.joint
     clearance = shown if astray(nominal.fit.values[0, 0], shown) else None
+    groups = [[g[0]] for g in search.others(nominal) if g[0].name in _INSIDE and _of_one_size(g[0])]
     films = [g for g in search.groups.values() if g[0].name == _FILM]
-    sizes: Sequence[float] = () if films else _RESISTING
+    tables = [] if films else [[free_form(resisting(joint, size), joint) for size in _RESISTING]]
     near = nominal.misfit < FAR and not explained(nominal)  # beyond: in ``begin_plausible``
-    if films and (clearance or near):
-        _try_out(search, explanation, nominal, films, clearance)
-        best = explanation.best
-        if [h.name for h in best.hypotheses] == [_FILM] and not explained(best):
-            sizes, clearance = [float(best.fit.values[0, 1])], float(best.fit.values[0, 0])
-    tables = [free_form(resisting(joint, size), joint) for size in sizes]
-    _try_out(search, explanation, nominal, [tables] if tables else [], clearance)
+    cushioned = films if clearance or near else []
+    _try_out(search, explanation, nominal, [*cushioned, *tables, *groups], clearance)
+    best = explanation.best
+    if [h.name for h in best.hypotheses] == [_FILM] and not explained(best):
+        gap, damping = best.fit.values[0, :2]
+        _try_out(search, explanation, nominal, [[free_form(resisting(joint, damping), joint)]], float(gap))
 
 
 def _try_out(

@@ -8,8 +8,8 @@ from clearance.diagnosis.hypotheses.missing_force import Curve, unnamed
 from clearance.diagnosis.searching.elsewhere import (
     begin_again,
     begin_elsewhere,
-    begin_film,
     begin_frame,
+    begin_inside,
     begin_plausible,
     begin_sure,
 )
@@ -129,7 +129,7 @@ def _search_all(
         channels = dict(list(suspicious().items())[:_FAULTS])
         begin_dimensions(search, explanation, channels)
         if not settled(search, explanation, nominal):
-            begin_film(search, explanation)
+            begin_inside(search, explanation)
         for channel in channels:
             if channel not in deafened and not settled(search, explanation, nominal):
                 deafen(search, explanation, nominal, channel)

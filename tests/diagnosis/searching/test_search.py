@@ -23,7 +23,7 @@ from clearance.diagnosis.hypotheses.missing_force import (
     unnamed,
 )
 from clearance.diagnosis.judging.verdict import equivalents, estimates
-from clearance.diagnosis.searching.elsewhere import begin_film, begin_plausible
+from clearance.diagnosis.searching.elsewhere import begin_inside, begin_plausible
 from clearance.diagnosis.searching.everywhere import astray
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import fit_curve, suggest_curve
@@ -269,7 +269,7 @@ def test_a_force_is_written_as_a_function_of_what_it_depends_on():
 def test_a_film_is_found_where_it_makes_the_gap_look_small():
     found, explanation = within(7e-4, ("joint_lubrication",), film=SqueezeFilm(damping=1.0))
     assert explanation.nominal.fit.values[0, 0] < 0.7 * found.profile.best
-    begin_film(found, explanation)
+    begin_inside(found, explanation)
     assert explained(explanation.best)
     clearance, damping, _ = explanation.best.fit.values[0]
     assert clearance == pytest.approx(7e-4, rel=0.01)
@@ -282,7 +282,7 @@ def test_a_film_is_found_where_the_gap_looks_right_and_the_path_is_near():
     nominal = explanation.nominal
     assert not astray(nominal.fit.values[0, 0], found.profile.best)
     assert EXPLAINED < nominal.misfit < FAR
-    begin_film(found, explanation)
+    begin_inside(found, explanation)
     assert explained(explanation.best)
     clearance, damping, _ = explanation.best.fit.values[0]
     assert clearance == pytest.approx(1.2e-4, rel=0.01)
@@ -292,7 +292,7 @@ def test_a_film_is_found_where_the_gap_looks_right_and_the_path_is_near():
 @pytest.mark.slow
 def test_a_film_without_its_name_is_a_table_over_the_journals_closeness():
     found, explanation = within(7e-4, ("restitution",), film=SqueezeFilm(damping=1.0))
-    begin_film(found, explanation)
+    begin_inside(found, explanation)
     best = explanation.best
     assert explained(best)
     assert best.hypotheses[0].direction == DAMPING
@@ -307,7 +307,7 @@ def test_what_fills_the_gap_by_another_law_than_a_films_is_a_table():
         "joint_c", DAMPING, "closeness_c", 0.0, thick[1], tuple(0.5 * np.exp(0.7 * thick)), "cubic"
     )
     found, explanation = search(5e-4, ("joint_lubrication", "restitution"), force=law)
-    begin_film(found, explanation)
+    begin_inside(found, explanation)
     best = explanation.best
     assert explained(best)
     assert [h.direction for h in best.hypotheses] == [DAMPING]
@@ -317,7 +317,7 @@ def test_what_fills_the_gap_by_another_law_than_a_films_is_a_table():
 @pytest.mark.slow
 def test_a_film_is_not_tried_where_the_motion_agrees():
     found, explanation = search(3e-4, ("joint_lubrication",))
-    begin_film(found, explanation)
+    begin_inside(found, explanation)
     assert explanation.attempts == []
 
 
