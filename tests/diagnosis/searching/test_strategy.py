@@ -120,10 +120,12 @@ def test_what_is_missing_inside_a_joint_is_not_looked_for_outside(monkeypatch):
         lambda *of: asked.append({g[0].name for g in of[3]}),
     )
     nominal = attempt([], 400.0)
-    search = SimpleNamespace(others=lambda _: GROUPS)
+    effects = load_effects(["guide_friction", "joint_lubrication", "restitution", "soft_drive"], [])
+    groups = gather(effects, Setting(SliderCrank(), "C").with_clearance(3e-4), "C", ("rod_c_axial",)).values()
+    search = SimpleNamespace(others=lambda _: list(groups))
     for balanced in (False, True):
         begin_plausible(search, Explanation(nominal, balanced=balanced), nominal)
-    assert asked == [{"guide_friction", "restitution", "soft_drive"}, {"restitution"}]
+    assert asked == [{"guide_friction", "joint_lubrication", "soft_drive"}, {"joint_lubrication"}]
 
 
 def test_each_candidate_is_tried_though_something_small_explains():
@@ -367,7 +369,7 @@ def test_lobes_are_read_off_the_motion_where_a_look_promises_them_or_no_force_he
     monkeypatch.setattr(strategy + "glaring", lambda _: None)
     monkeypatch.setattr(strategy + "suggest_channels", lambda _: {})
     monkeypatch.setattr(strategy + "settled", lambda *_: False)
-    for name in ("balanced", "guide", "dimensions", "film", "plausible"):
+    for name in ("balanced", "guide", "dimensions", "inside", "plausible"):
         monkeypatch.setattr(strategy + f"begin_{name}", lambda *_: [])
     monkeypatch.setattr(strategy + "widen", lambda *_: None)
     monkeypatch.setattr(strategy + "begin_wear", lambda *_: asked.append("wear"))
