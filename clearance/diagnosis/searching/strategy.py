@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import cache
+from itertools import takewhile
 
 from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.missing_force import Curve, unnamed
@@ -171,9 +172,11 @@ def _search_all(
                 return
             beside = look(search, explanation, base)
             hopeful = [*beside.plain, *beside.likely]
-            if any(hint.hypotheses[0].name == WORN for hint in hopeful):
+            first = list(takewhile(lambda hint: hint.hypotheses[0].name != WORN, hopeful))
+            widen(search, explanation, base, first)  # lobes take up much of what promises more than they do
+            if len(first) < len(hopeful) and not settled(search, explanation, base):
                 begin_wear(search, explanation, base)
-            widen(search, explanation, base, hopeful)
+                widen(search, explanation, base, hopeful[len(first) :])
             if explanation.best is not base and not settled(search, explanation, base):
                 begin_again(search, explanation)
             if not settled(search, explanation, base):

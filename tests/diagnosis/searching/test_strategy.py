@@ -318,6 +318,30 @@ def test_two_parts_that_do_not_explain_are_followed_on_paths_of_their_own(monkey
     assert again == expected
 
 
+def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkeypatch):
+    asked = []
+    nominal, gravity = attempt([], 40.0), attempt(["gravity"], 2.0)
+    hints = [
+        SimpleNamespace(hypotheses=(SimpleNamespace(name=name, fault=None),))
+        for name in ("slider_offset", "worn_bearing", "guide_friction")
+    ]
+    strategy = "clearance.diagnosis.searching.strategy."
+    for name in ("glaring", "enlarge", "reshape", "begin_elsewhere", "begin_again"):
+        monkeypatch.setattr(strategy + name, lambda *_: None)
+    none = SimpleNamespace(plain=[], likely=[], unlikely=[], pairs=[])
+    monkeypatch.setattr(
+        strategy + "look",
+        lambda _, __, base: none if base is nominal else SimpleNamespace(plain=hints[:1], likely=hints[1:]),
+    )
+    monkeypatch.setattr(
+        strategy + "widen", lambda _, __, ___, some: asked.append([h.hypotheses[0].name for h in some])
+    )
+    monkeypatch.setattr(strategy + "begin_wear", lambda *_: asked.append("wear"))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(asked) > 2)
+    _search_all(search, Explanation(nominal, [gravity]), 3, lambda _: None)
+    assert asked == [["slider_offset"], "wear", ["worn_bearing", "guide_friction"]]
+
+
 @pytest.mark.parametrize(
     ("names", "misfit", "expected"),
     [
