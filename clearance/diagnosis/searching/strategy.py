@@ -158,15 +158,16 @@ def _search_all(
         widen(search, explanation, nominal, faults)
 
     def build_on() -> None:
-        before, base = nominal, explanation.best
+        before, base = nominal, _named(explanation)
         while base not in built_on and _in_part(base, before) and len(base.hypotheses) < most:
             built_on.append(base)
-            enlarge(search, explanation)
-            if not explained(explanation.best):
-                reshape(search, explanation, explanation.best)
+            if base is explanation.best:
+                enlarge(search, explanation)
+                if not explained(explanation.best):
+                    reshape(search, explanation, explanation.best)
             if _enough(explanation) or search.late():
                 return
-            base = explanation.best
+            base = _named(explanation)
             begin_beside(search, explanation, base)
             if settled(search, explanation, base):
                 return
@@ -177,11 +178,12 @@ def _search_all(
             if len(first) < len(hopeful) and not settled(search, explanation, base):
                 begin_wear(search, explanation, base)
                 widen(search, explanation, base, hopeful[len(first) :])
-            if explanation.best is not base and not settled(search, explanation, base):
+            further = explanation.best is not base and unnamed(explanation.best.hypotheses) is None
+            if further and not settled(search, explanation, base):
                 begin_again(search, explanation)
             if not settled(search, explanation, base):
                 begin_elsewhere(search, explanation, base)
-            before, base = base, explanation.best
+            before, base = base, _named(explanation)
 
     def curve() -> None:
         if settled(search, explanation, nominal):
@@ -248,6 +250,21 @@ def _enough(explanation: Explanation) -> bool:
 
 def _loose(attempt: Attempt) -> bool:
     return any(hypothesis.name == LOOSE_GUIDE for hypothesis in attempt.hypotheses)
+
+
+def _named(explanation: Explanation) -> Attempt:
+    """The best attempt; where it has a table that leaves much all the same, the best without one."""
+    best = explanation.best
+    named = min(
+        (
+            attempt
+            for attempt in [explanation.nominal, *explanation.attempts]
+            if not attempt.withdrawn and unnamed(attempt.hypotheses) is None
+        ),
+        key=penalised,
+    )
+    tabled = unnamed(best.hypotheses) is not None and penalised(best) < _PART * penalised(named)
+    return best if tabled else named
 
 
 def _in_part(attempt: Attempt, base: Attempt) -> bool:

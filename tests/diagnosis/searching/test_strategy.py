@@ -21,7 +21,7 @@ from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.searching.scrutiny import _compare_kinds
 from clearance.diagnosis.searching.significance import unsettled
-from clearance.diagnosis.searching.strategy import _enough, _in_part, _search_all, find_explanation
+from clearance.diagnosis.searching.strategy import _enough, _in_part, _named, _search_all, find_explanation
 from clearance.diagnosis.searching.widen import deafen, glaring, kinds, look
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.judging.test_verdict import attempt
@@ -356,6 +356,20 @@ def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkey
 )
 def test_a_good_part_of_what_is_missing_is_built_on(names, misfit, expected):
     assert _in_part(attempt(names, misfit), attempt([], 25.2)) == expected
+
+
+@pytest.mark.parametrize(
+    ("table", "expected"),
+    [
+        (147.0, "torque_ripple"),  # a frame that gives way was missing beside it
+        (40.0, FREE_FORM),
+        (400.0, "torque_ripple"),
+    ],
+)
+def test_a_table_that_leaves_much_is_not_built_on(table, expected):
+    attempts = [attempt(["torque_ripple"], 305.0), attempt([FREE_FORM], table), attempt(["gravity"], 350.0)]
+    found = _named(Explanation(attempt([], 1450.0), attempts))
+    assert [h.name for h in found.hypotheses] == [expected]
 
 
 def test_a_hint_begins_where_the_balance_of_work_saw_a_load(monkeypatch):
