@@ -24,6 +24,7 @@ _UNITS = {
     "time": "s",
     "closeness": "-",
 }
+_UNHELD = 10.0  # times the largest force of a table: what is less sure than that is not known at all
 _HELPS = 0.99  # of the held-out error before: what leaves more is not said to lower it
 _SHAPELESS = 2.5  # times as unsure beside a table: root mean square of 12 errors of the plant over deviations
 _CLOSED, _AGREED = 0.5, 0.2  # of the clearance that the motion shows: a gap that closed; what it may err by
@@ -378,6 +379,7 @@ def argument_of(law: TabulatedForce) -> str:
 def free_form_of(attempt: Attempt, setting: Setting) -> dict[str, Any] | None:
     """The table of an attempt's force of free form as the contract writes it, with its 95 % band.
 
+    Where the recordings do not come nothing holds the table: there is no band, and its values say nothing.
     Of a torque only what varies is given: a constant one cannot be told from what the drive is asked for. Of
     a force over time ``clocks`` says what its clock shows where each recording begins [s].
     """
@@ -398,11 +400,15 @@ def free_form_of(attempt: Attempt, setting: Setting) -> dict[str, Any] | None:
     combined = np.zeros((len(own), shared))
     combined[:, place : place + count] = own
     forces, band = own @ values, 1.96 * deviations(attempt.fit, combined)
+    held = band < _UNHELD * np.abs(forces).max()
+    low = np.where(held, np.maximum(forces - band, hypothesis.unknowns[0].low), np.nan)
+    high = np.where(held, forces + band, np.nan)
     return {
         "body": law.body, "direction": _along(law.direction), "argument": argument_of(law),
         "unit": {"torque": "N m", "moment": "N m", DAMPING: "N s/m"}.get(law.direction, "N"),
         "argument_unit": _UNITS.get(argument_of(law), "N"), "period": law.period,
         "clocks": [f.measured.clock for f in attempt.followers] if law.argument == "time" else None,
         "table": [[law.start + spacing * k, float(force)] for k, force in zip(steps, forces, strict=True)],
-        "low": (forces - band).tolist(), "high": (forces + band).tolist(),
+        "low": [None if np.isnan(one) else float(one) for one in low],
+        "high": [None if np.isnan(one) else float(one) for one in high],
     }  # fmt: skip

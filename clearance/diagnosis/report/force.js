@@ -72,11 +72,19 @@ function freeForm() {
   const block = section("curve", "The missing force as a curve", `No law is assumed: the ${what} against ${argument}, as the recordings have it.`);
   const box = card(block, title(`${what} against ${argument}`));
   const banded = list(curve.low).length === table.length && list(curve.high).length === table.length;
-  curves(box, { label: `${what} against ${argument}${banded ? " with its 95 % band" : ""}`, x: { label: argument, unit: unit.x }, panels: [{ label: resists ? "damping" : isTurning(curve.direction) ? words(curve.direction) : "force", unit: unit.y, height: 300, zero: true,
-    series: [{ name: "curve", label: "free-form force", style: "after", x: table.map((pair) => pair[0]), y: table.map((pair) => pair[1]), ...(banded ? { low: curve.low, high: curve.high } : {}) }] }] });
-  if (banded) box.append(h("p", { class: "hint" }, "Band: 95 % interval."));
   const [source, path] = filled(EVIDENCE.free_form) ? ["evidence", ["free_form"]] : ["diagnosis", ["free_form"]];
-  const cell = (...key) => h("td", { class: "right" }, number([...path, ...key], { source, digits: 4 }));
+  const one = (...key) => number([...path, ...key], { source, digits: 4 });
+  const held = (index) => !banded || isNumber(curve.low[index]);
+  const known = table.map((_, index) => index).filter(held);
+  if (known.length > 2) {
+    curves(box, { label: `${what} against ${argument}${banded ? " with its 95 % band" : ""}`, x: { label: argument, unit: unit.x }, panels: [{ label: resists ? "damping" : isTurning(curve.direction) ? words(curve.direction) : "force", unit: unit.y, height: 300, zero: true,
+      series: [{ name: "curve", label: "free-form force", style: "after", x: table.map((pair) => pair[0]), y: table.map((pair, index) => (held(index) ? pair[1] : null)), ...(banded ? { low: curve.low, high: curve.high } : {}) }] }] });
+  } else {
+    for (const index of known) box.append(h("p", {}, `At ${argument} `, one("table", index, 0), `${unitText(unit.x)}: `, h("b", {}, one("table", index, 1)), ` (`, one("low", index), "–", one("high", index), `) ${unitText(unit.y)}.`));
+  }
+  const gaps = known.length === table.length ? "" : " Elsewhere the recordings do not come, and the table says nothing.";
+  if (banded) box.append(h("p", { class: "hint" }, `${known.length > 2 ? "Band" : "In brackets"}: 95 % interval.${gaps}`));
+  const cell = (...key) => h("td", { class: "right" }, one(...key));
   box.append(h("details", {}, h("summary", {}, `Table (${table.length} points)`), h("div", { class: "scroll short", tabindex: "0", role: "region", "aria-label": "Table of the force" }, h("table", {},
     h("thead", {}, h("tr", {}, [[argument, unit.x], ["value", unit.y], ...(banded ? [["low", unit.y], ["high", unit.y]] : [])].map(([name, of]) => h("th", { class: "right" }, unitText(of) ? `${name} [${unitText(of)}]` : name)))),
     h("tbody", {}, table.map((_, index) => h("tr", {}, cell("table", index, 0), cell("table", index, 1), banded && [cell("low", index), cell("high", index)])))))));

@@ -131,7 +131,8 @@ def test_what_fills_a_gap_is_told_as_a_resistance_along_the_contracts_direction(
     nominal.fit.values, best.fit.values = np.array([[5e-4, 700.0]]), np.array([[4e-4, *sizes, 700.0]])
     nominal.model.machine = lambda values: SliderCrank(joint_c=Joint(values[0]))
     monkeypatch.setattr(verdict, "estimates", lambda _: [Estimate(3e-4, 3e-4, 3e-4)] * (1 + KNOTS))
-    monkeypatch.setattr(verdict, "deviations", lambda fit, combined: np.full(len(combined), 0.1))
+    unsure = np.where(np.arange(KNOTS) < 5, 1e9, 0.1)  # the journal comes no nearer to the middle
+    monkeypatch.setattr(verdict, "deviations", lambda fit, combined: unsure)
     explanation = Explanation(nominal, [best])
     assert verdict_of(explanation) == "unknown"
     assert place_of(explanation) == ("joint_c", "normal")
@@ -139,6 +140,8 @@ def test_what_fills_a_gap_is_told_as_a_resistance_along_the_contracts_direction(
     assert (told["body"], told["direction"], told["argument"]) == ("joint_c", "normal", "closeness")
     assert (told["unit"], told["argument_unit"]) == ("N s/m", "-")
     np.testing.assert_allclose(np.array(told["table"])[:, 1], sizes)
+    assert told["low"][:5] == told["high"][:5] == [None] * 5
+    np.testing.assert_allclose(np.array(told["high"][5:]) - told["low"][5:], 3.92 * 0.1)
     fit = {"held_out": {"before": 9.0, "after": 1.0}}
     said = sentences("unknown", explanation, "C", fit, ["rod_c_axial"])
     assert "resistance to the journal's motion in joint c" in said[0]
