@@ -113,7 +113,7 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
         for group in search.others(base)
         if _of_one_size(group[0])
         and group[0].fault is None
-        and group[0].name not in (*_ELSEWHERE, *GEOMETRIC, *_INSIDE, _EDGED)
+        and group[0].name not in (*_ELSEWHERE, *GEOMETRIC, *_INSIDE, _FILM, _EDGED)
         and group[0].label not in known
         and not (explanation.balanced and group[0].body in _OUTSIDE)
     ]
@@ -122,24 +122,20 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
 
 
 def begin_inside(search: Search, explanation: Explanation) -> None:
-    """Fit what acts inside the joint from plausible sizes, where nothing outside explained.
+    """Fit what acts inside the joint from plausible sizes, where the nominal machine does not explain.
 
     Beside a path that is not right yet a linear look at impacts tells little of these: a film shows as a gap
     that is too small, and friction of 0.09 as one of 0.016, from where no way leads on. Where films are not
-    among the hypotheses, or one explains a part and not all, a resistance of free form is tried.
+    among the hypotheses, a resistance of free form is tried.
     """
     nominal, shown, joint = explanation.nominal, search.profile.best, search.setting.joint
+    if explained(nominal):
+        return
     clearance = shown if astray(nominal.fit.values[0, 0], shown) else None
     groups = [[g[0]] for g in search.others(nominal) if g[0].name in _INSIDE and _of_one_size(g[0])]
     films = [g for g in search.groups.values() if g[0].name == _FILM]
     tables = [] if films else [[free_form(resisting(joint, size), joint) for size in _RESISTING]]
-    near = nominal.misfit < FAR and not explained(nominal)  # beyond: in ``begin_plausible``
-    cushioned = films if clearance or near else []
-    _try_out(search, explanation, nominal, [*cushioned, *tables, *groups], clearance)
-    best = explanation.best
-    if [h.name for h in best.hypotheses] == [_FILM] and not explained(best):
-        gap, damping = best.fit.values[0, :2]
-        _try_out(search, explanation, nominal, [[free_form(resisting(joint, damping), joint)]], float(gap))
+    _try_out(search, explanation, nominal, [*films, *tables, *groups], clearance)
 
 
 def _try_out(

@@ -301,20 +301,6 @@ def test_a_film_without_its_name_is_a_table_over_the_journals_closeness():
 
 
 @pytest.mark.slow
-def test_what_fills_the_gap_by_another_law_than_a_films_is_a_table():
-    thick = np.linspace(0.0, CLOSEST, 24)
-    law = TabulatedForce(
-        "joint_c", DAMPING, "closeness_c", 0.0, thick[1], tuple(0.5 * np.exp(0.7 * thick)), "cubic"
-    )
-    found, explanation = search(5e-4, ("joint_lubrication", "restitution"), force=law)
-    begin_inside(found, explanation)
-    best = explanation.best
-    assert explained(best)
-    assert [h.direction for h in best.hypotheses] == [DAMPING]
-    assert best.fit.values[0, 0] == pytest.approx(5e-4, rel=0.01)
-
-
-@pytest.mark.slow
 def test_a_film_is_not_tried_where_the_motion_agrees():
     found, explanation = search(3e-4, ("joint_lubrication",))
     begin_inside(found, explanation)

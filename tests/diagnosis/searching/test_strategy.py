@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.hypotheses.effect import load_effects
-from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, gather
 from clearance.diagnosis.hypotheses.missing_force import FREE_FORM
 from clearance.diagnosis.searching import elsewhere, scrutiny
 from clearance.diagnosis.searching.elsewhere import (
@@ -23,6 +23,7 @@ from clearance.diagnosis.searching.scrutiny import _compare_kinds
 from clearance.diagnosis.searching.significance import unsettled
 from clearance.diagnosis.searching.strategy import _enough, _in_part, _named, _search_all, find_explanation
 from clearance.diagnosis.searching.widen import deafen, glaring, kinds, look
+from clearance.diagnosis.shooting.model import Unknown
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.judging.test_verdict import attempt
 
@@ -120,12 +121,15 @@ def test_what_is_missing_inside_a_joint_is_not_looked_for_outside(monkeypatch):
         lambda *of: asked.append({g[0].name for g in of[3]}),
     )
     nominal = attempt([], 400.0)
-    effects = load_effects(["guide_friction", "joint_lubrication", "restitution", "soft_drive"], [])
+    effects = load_effects(["guide_friction", "rod_inertia", "restitution", "soft_drive"], [])
+    inside = Hypothesis(
+        "bushing", "physics", "joint_c", "normal", (Unknown("size", 1e-3),), *np.zeros((2, 1)), None
+    )
     groups = gather(effects, Setting(SliderCrank(), "C").with_clearance(3e-4), "C", ("rod_c_axial",)).values()
-    search = SimpleNamespace(others=lambda _: list(groups))
+    search = SimpleNamespace(others=lambda _: [*groups, [inside]])
     for balanced in (False, True):
         begin_plausible(search, Explanation(nominal, balanced=balanced), nominal)
-    assert asked == [{"guide_friction", "joint_lubrication", "soft_drive"}, {"joint_lubrication"}]
+    assert asked == [{"guide_friction", "rod_inertia", "bushing", "soft_drive"}, {"bushing"}]
 
 
 def test_each_candidate_is_tried_though_something_small_explains():
