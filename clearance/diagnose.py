@@ -85,6 +85,11 @@ def main(cfg: DictConfig) -> None:
                 "joint=unknown: only accelerations tell the joints apart, and these recordings have none; "
                 "joint=B or joint=C"
             )
+        if simulations:
+            raise InputError(
+                f"simulations = {simulations}: only a diagnosis by accelerations is calibrated so, and these "
+                "recordings have none; simulations=0"
+            )
         outcome = diagnose_motion(
             *tracks_of(recordings, held_out),
             settings[0],

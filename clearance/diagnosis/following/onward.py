@@ -46,9 +46,7 @@ def go_on(attempt: Attempt, traces: Sequence[Trace], model: Model, workers: int)
     if any(known is None for _, known in pairs):
         return None
     with ThreadPoolExecutor(workers) as pool:
-        each = list(pool.map(one, pairs))
-    rows, misfit = np.stack([row for _, row, _ in each]), float(np.mean([m for _, _, m in each]))
-    return refine((), model, [follower for follower, _, _ in each], rows, scale_of(misfit), 8, workers)
+        return _together(list(pool.map(one, pairs)), model, workers)
 
 
 def follow_again(found: Attempt, traces: Sequence[Trace], model: Model, workers: int) -> Attempt:
@@ -78,12 +76,16 @@ def follow_again(found: Attempt, traces: Sequence[Trace], model: Model, workers:
 
     with ThreadPoolExecutor(workers) as pool:
         each = list(pool.map(one, range(len(traces))))
-    misfit = float(np.mean([m for _, _, m in each]))
-    if not misfit < found.misfit:
+    if all(follower is before for (follower, _, _), before in zip(each, found.followers, strict=True)):
         return found
-    rows = np.stack([row for _, row, _ in each])
-    again = refine((), model, [follower for follower, _, _ in each], rows, scale_of(misfit), 8, workers)
+    again = _together(each, model, workers)
     return again if again.misfit < found.misfit else found
+
+
+def _together(each: Sequence[Followed], model: Model, workers: int) -> Attempt:
+    """Recordings that were followed one by one, as one attempt."""
+    rows, misfit = np.stack([row for _, row, _ in each]), float(np.mean([m for _, _, m in each]))
+    return refine((), model, [follower for follower, _, _ in each], rows, scale_of(misfit), 8, workers)
 
 
 def _grown(start: Start, model: Model, row: np.ndarray) -> Followed:

@@ -19,6 +19,7 @@ from clearance.diagnosis.searching.screening import screen
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.errors import InputError
+from clearance.lanes import WIDTH
 from clearance.recording.recording import Recording
 from clearance.simulation.batch import Sampling, run_batch
 from clearance.simulation.failure import Failure
@@ -28,7 +29,7 @@ from clearance.simulation.trajectory import rest_state
 
 _SETTLE = 0.3  # s until a run has forgotten its start
 _KICK = 0.5  # of the crank's speed, at most: by which each run starts otherwise
-_FINER = 5  # steps in one of the base rate, and again while a joint touches: finer than the diagnosis takes
+_STEP, _REFINED = 2e-6, 5  # s at most, and steps in one while a joint touches: finer than the diagnosis takes
 
 
 def simulated_scores(
@@ -50,9 +51,13 @@ def simulated_scores(
     found: list[float] = []
     started = time.monotonic()
     try:
-        runs = [_runs(nominal, r, one, count, search.workers) for r, one in enumerate(search.recordings)]
         for k in range(count):
-            found.append(_score(search, [run[k] for run in runs], speed_range))
+            if k % WIDTH == 0:  # as many as run in lockstep are kept at a time
+                some = range(k, min(k + WIDTH, count))
+                runs = [
+                    _runs(nominal, r, one, some, search.workers) for r, one in enumerate(search.recordings)
+                ]
+            found.append(_score(search, [run[k % WIDTH] for run in runs], speed_range))
             left = (time.monotonic() - started) / len(found) * (count - len(found))
             search.report(f"nothing missing, simulated: {len(found)} of {count}, {left:.0f} s left")
     except KeyboardInterrupt:
@@ -60,25 +65,33 @@ def simulated_scores(
     return np.sort(np.array(found))
 
 
-def _runs(nominal: Attempt, r: int, measured: Measured, count: int, workers: int) -> list[Measured | None]:
-    """What a recording might have been, had the fitted machine made it; ``None`` for a failed run."""
+def _runs(
+    nominal: Attempt, r: int, measured: Measured, numbers: range, workers: int
+) -> list[Measured | None]:
+    """What a recording might have been, had the fitted machine made it; ``None`` for a failed run.
+
+    Each run depends on its number and the recording's alone.
+    """
     machine, chain = nominal.model.machine(nominal.fit.values[r]), measured.chain
-    generator = np.random.default_rng([count, r])
-    states = np.repeat(rest_state(machine)[None], count, axis=0)
-    states[:, State.CRANK_SPEED] += _KICK * generator.random(count) * nominal.fit.values[r, -1] * np.pi / 30.0
-    made: list[Measured | None] = [None] * count
+    generators = [np.random.default_rng([r, number]) for number in numbers]
+    states = np.repeat(rest_state(machine)[None], len(numbers), axis=0)
+    kicks = _KICK * np.array([generator.random() for generator in generators])
+    states[:, State.CRANK_SPEED] += kicks * nominal.fit.values[r, -1] * np.pi / 30.0
+    made: list[Measured | None] = [None] * len(numbers)
 
     def keep(k: int, outcome: np.ndarray | Failure) -> None:
         if isinstance(outcome, Failure):
             return
-        noise = np.random.default_rng([count, r, k]).normal(size=(len(outcome), len(measured.signals)))
+        noise = generators[k].normal(size=(len(outcome), len(measured.signals)))
         values = outcome[:, list(measured.signals)] + measured.sigma * noise
         values = np.clip(values, -measured.limits, measured.limits)
         recording = Recording(values, measured.channels, chain.rate)
         made[k] = Measured.of(recording, chain, f"{measured.name}, simulated")
 
+    period = 1.0 / chain.base_rate
+    step = period / np.ceil(period / _STEP - 1e-9)
     run_batch(
-        [machine] * count, Integrator("runge_kutta_4", 1.0 / chain.base_rate / _FINER, _FINER),
+        [machine] * len(numbers), Integrator("runge_kutta_4", step, _REFINED),
         Sampling(chain.base_rate, chain.filter(), _SETTLE, measured.seconds), keep, workers, states,
         any_laws=True,
     )  # fmt: skip

@@ -25,13 +25,12 @@ from clearance.diagnosis.judging.verdict import (
     effects_of,
     equivalents,
     free_form_of,
-    located,
     place_of,
     probabilities,
-    sentences,
     verdict_of,
     withdraw,
 )
+from clearance.diagnosis.judging.words import located, sentences
 from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.searching.balance import find_clock
 from clearance.diagnosis.searching.explanation import Explanation

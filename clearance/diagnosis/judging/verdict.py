@@ -1,6 +1,5 @@
 """From attempts to what is asserted: a verdict, effects with intervals, and what cannot be told apart."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +13,6 @@ from clearance.diagnosis.searching.significance import beats, margin, suspicious
 from clearance.diagnosis.shooting.covariance import deviations
 from clearance.mechanism.applied_force import TabulatedForce, shares
 
-_PUSHES = {"torque": "torque", "moment": "moment"}
 _ALONG = 4  # points from knot to knot at which a spline is given
 _WORSE = 1.02  # and ratio of their levels
 _UNITS = {
@@ -25,7 +23,6 @@ _UNITS = {
     "closeness": "-",
 }
 _UNHELD = 10.0  # times the largest force of a table: what is less sure than that is not known at all
-_HELPS = 0.99  # of the held-out error before: what leaves more is not said to lower it
 _SHAPELESS = 2.5  # times as unsure beside a table: root mean square of 12 errors of the plant over deviations
 _CLOSED, _AGREED = 0.5, 0.2  # of the clearance that the motion shows: a gap that closed; what it may err by
 _FAR_NEARER = 0.5  # of the best misfit: what leaves less, if of one recording only, says more of the place
@@ -116,10 +113,10 @@ def place_of(explanation: Explanation, held_out: Attempt | None = None) -> tuple
     """
     best = explanation.best
     suspected = explanation.suspected
-    if best is not explanation.shown and _nearer(explanation):
+    if best is not explanation.shown and nearer(explanation):
         assert suspected is not None
         return suspected.body, suspected.direction
-    if _cushioned(explanation):
+    if cushioned(explanation):
         assert explanation.agreed is not None
         return f"joint_{explanation.agreed[0].lower()}", "normal"
     if best.hypotheses:
@@ -139,13 +136,13 @@ def _along(direction: str) -> str:
     return "normal" if direction == DAMPING else direction
 
 
-def _nearer(explanation: Explanation) -> bool:
+def nearer(explanation: Explanation) -> bool:
     """Whether a force without a name comes far nearer to one recording than what was found does to all."""
     best, suspected = explanation.best, explanation.suspected
     return suspected is not None and not explained(best) and suspected.misfit < _FAR_NEARER * best.misfit
 
 
-def _cushioned(explanation: Explanation) -> bool:
+def cushioned(explanation: Explanation) -> bool:
     """Whether no machine explains and the nearest one closed a gap that the motion shows to be wide.
 
     What keeps the journal from striking acts in the joint.
@@ -193,7 +190,7 @@ def clearance_of(explanation: Explanation) -> Estimate:
     own = estimates(best)[0]
     if explained(best) or best is explanation.shown:
         return own
-    if _cushioned(explanation):
+    if cushioned(explanation):
         assert explanation.agreed is not None
         shown = explanation.agreed[1]
         return Estimate(shown, (1.0 - _AGREED) * shown, (1.0 + _AGREED) * shown)
@@ -206,128 +203,11 @@ def clearance_of(explanation: Explanation) -> Estimate:
 
 def probabilities(explanation: Explanation) -> dict[int, float]:
     """Of each that may be asserted, by its ``id``: exp(-difference / 2) of penalised sums of squares."""
-    followed = [a for a in explanation.attempts if a is not explanation.shown and not a.withdrawn]
-    every = [explanation.nominal, *followed]
+    every = explanation.standing
     prices = np.array([penalised(a) for a in every])
     weights = np.exp(-0.5 * (prices - prices.min()))
     weights /= weights.sum()
     return {id(a): float(w) for a, w in zip(every, weights, strict=True)}
-
-
-def sentences(
-    verdict: str, explanation: Explanation, joint: str, fit: dict[str, Any], channels: Sequence[str]
-) -> list[str]:
-    """The diagnosis in plain words, the headline first."""
-    best, nominal = explanation.best, explanation.nominal
-    before, after = nominal.fit.values[0, 0] * 1e3, clearance_of(explanation).value * 1e3
-    held = fit["held_out"]
-    if verdict == "none":
-        return [
-            f"Nothing is missing that these recordings could show: the clearance of joint {joint} is "
-            f"{after:.4f} mm, and one-step errors are those of the noise ({held['after']:.2f}, floor 1.00)."
-        ]
-    gain = f"With it, held-out error falls from {held['before']:.3g} to {held['after']:.3g} (floor 1.00)"
-    if not held["after"] < _HELPS * held["before"]:
-        gain = (
-            f"It does not help on held-out recordings, where errors are {held['after']:.3g} with it and "
-            f"{held['before']:.3g} without (floor 1.00)"
-        )
-    if verdict == "unknown" and not best.hypotheses:
-        body, direction = place_of(explanation)
-        guess = f" What comes nearest acts on the {body.replace('_', ' ')} ({direction})." if body else ""
-        return [
-            "Something is missing that none of the tried hypotheses explains: the nominal model's errors are "
-            f"{held['before']:.3g} times those of a perfect one.",
-            f"It shows most in {', '.join(channels)}.{guess}",
-            *_gap(explanation),
-        ]
-    lines = []
-    place = 1
-    values = estimates(best)
-    curve = unnamed(best.hypotheses)
-    if curve is not None:
-        law = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force
-        argument = argument_of(law) if isinstance(law, TabulatedForce) else ""
-        share = "" if explained(best) else "most of "
-        where = curve.body.replace("_", " ")
-        what = (
-            f"a resistance to the journal's motion in {where}, by its closeness to the bearing,"
-            if curve.direction == DAMPING
-            else f"a {_PUSHES.get(curve.direction, 'force')} on the {where} ({curve.direction}) that depends "
-            f"on {argument.replace('_', ' ')}{_rhythm(law)}"
-        )
-        lines.append(
-            f"Something is missing that has no name here: {what} explains {share}the recordings; its table "
-            "is in corrected.yaml."
-        )
-    for hypothesis in best.hypotheses:
-        count = len(hypothesis.unknowns)
-        shown = {}
-        if hypothesis.effect is not None:
-            for i, unknown in enumerate(hypothesis.unknowns):
-                parameter, e = hypothesis.effect.parameter(unknown.name), values[place + i]
-                shown[unknown.name] = (
-                    f"{parameter.text(e.value)} ({parameter.text(e.low)} to {parameter.text(e.high)})"
-                )
-            lines.append(hypothesis.effect.describe(shown, joint))
-        place += count
-    if verdict == "unknown" and curve is None:
-        lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
-        if _nearer(explanation):
-            body, direction = place_of(explanation)
-            lines.append(
-                f"A force without a name on the {str(body).replace('_', ' ')} ({direction}) comes nearer to "
-                "one recording; no table of it was found that explains all."
-            )
-    if verdict == "unknown":
-        lines += _gap(explanation)
-    others = equivalents(explanation)[1:] if verdict != "unknown" or curve is not None else []
-    if others:
-        names = " or ".join(" with ".join(h.name for h in a.hypotheses) for a in others)
-        lines.append(f"With these sensors it cannot be told from {names}.")
-    if best is explanation.shown:
-        one = explanation.rails is not None and explanation.rails.followed
-        lines.append(
-            "One recording was followed so through its strikes, others were not: what else may be missing "
-            "there is not said."
-            if one
-            else "The motion alone shows this: the slider moves as if between rails. No such machine was "
-            "kept on the recordings through its strikes: what else may be missing is not said."
-        )
-        gain = f"One-step errors remain ({held['after']:.3g}, floor 1.00)"
-    lines.append(
-        f"It shows in {', '.join(channels)}. {gain} and the clearance estimate changes from {before:.4f} to "
-        f"{after:.4f} mm."
-    )
-    return lines
-
-
-def _rhythm(law: object) -> str:
-    """After what a force repeats by a clock of its own, in plain words."""
-    period = getattr(law, "period", None)
-    return f" and repeats every {period * 1e3:.4g} ms" if period is not None else ""
-
-
-def _gap(explanation: Explanation) -> list[str]:
-    """In plain words, that a gap was closed which the motion shows to be wide."""
-    if not _cushioned(explanation):
-        return []
-    assert explanation.agreed is not None
-    joint, shown = explanation.agreed
-    return [
-        f"The motion shows some {shown * 1e3:.3f} mm of clearance in joint {joint}, and the nearest machine "
-        "hardly any: something in the joint keeps the journal from striking."
-    ]
-
-
-def located(joints: dict[str, float]) -> list[str]:
-    """In plain words, which of several joints was chosen, from the nominal machine's misfit with each."""
-    (joint, least), *others = sorted(joints.items(), key=lambda one: one[1])
-    return [
-        f"The clearance is taken to be in joint {joint}: with it the nominal machine is {np.sqrt(least):.3g} "
-        f"times as far from the recordings as a perfect one, with joint {other} {np.sqrt(misfit):.3g} times."
-        for other, misfit in others
-    ]
 
 
 def basis_of(explanation: Explanation) -> str:

@@ -72,12 +72,17 @@ class Explanation:
     simulated: np.ndarray | None = None
 
     @property
+    def standing(self) -> list[Attempt]:
+        """The nominal machine and what was followed beside it and may be asserted."""
+        return [self.nominal, *(attempt for attempt in self.attempts if not attempt.withdrawn)]
+
+    @property
     def best(self) -> Attempt:
         """The attempt with the smallest penalised misfit, of those that may be asserted.
 
         Where it does not explain the recordings, what the motion alone shows comes before it.
         """
-        followed = min([self.nominal, *(a for a in self.attempts if not a.withdrawn)], key=penalised)
+        followed = min(self.standing, key=penalised)
         return self.shown if self.shown is not None and not explained(followed) else followed
 
 

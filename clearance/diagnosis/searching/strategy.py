@@ -50,22 +50,21 @@ def find_explanation(
     """Find what explains the recordings, with as few effects as it takes.
 
     A frame that its sensors feel shaking comes first, then a sensor that alone contradicts the nominal
-    machine, or the motion. Where the path is not
-    near, effects follow that give the torque which the motion needs. Then single effects that promise
-    much of what is missing; dimensions and faulty sensors that the motion alone points at; where no force
-    gives that torque, a worn bearing, and where the path is far, effects that no linear look can judge;
-    effects and faults that promise a good part; in the place of one that explains half, a force of free form.
-    Beside one that explains a good part, the next one, and
-    both on paths of their own. Then effects that promised little, since beside a path that is far from
-    right none promises much; forces of free form on the slider, or with which most of one recording is
-    explained; effects that no linear look can judge; faults that promised little; pairs of which neither
-    shows without the other; other tables; the best so far on paths of its own. A table is put to the test
-    against names. What explains is looked beside for what is small; where effects leave more than right ones
-    do, for others that a linear look cannot judge; where nothing takes away what is too
-    much for a machine with nothing missing, effects that a linear look is sure of, then small forces of
-    free form, then effects that it cannot judge, are tried on paths of their own. A named force must
-    stand against one of free form in its place. What is not needed is pruned. A nominal machine that explains
-    is fitted on the path of what explains more.
+    machine, or the motion. Where the path is not near, effects follow that give the torque which the motion
+    needs. Then single effects that promise much of what is missing; dimensions and faulty sensors that the
+    motion alone points at; what acts inside the joint, from plausible sizes; where no force gives that
+    torque, a worn bearing, and where the path is far, effects that no linear look can judge; effects and
+    faults that promise a good part; in the place of one that explains half, a force of free form. Beside one
+    that explains a good part, the next one, and both on paths of their own. Then effects that promised
+    little, since beside a path that is far from right none promises much; forces of free form on the slider,
+    or with which most of one recording is explained; effects that no linear look can judge; faults that
+    promised little; pairs of which neither shows without the other; other tables; the best so far on paths of
+    its own. A table is put to the test against names. What explains is looked beside for what is small; where
+    effects leave more than right ones do, for others that a linear look cannot judge; where nothing takes
+    away what is too much for a machine with nothing missing, effects that a linear look is sure of, then
+    small forces of free form, then effects that it cannot judge, are tried on paths of their own. A named
+    force must stand against one of free form in its place. What is not needed is pruned. A nominal machine
+    that explains is fitted on the path of what explains more.
 
     Args:
         search: after its nominal stage.
@@ -255,14 +254,7 @@ def _loose(attempt: Attempt) -> bool:
 def _named(explanation: Explanation) -> Attempt:
     """The best attempt; where it has a table that leaves much all the same, the best without one."""
     best = explanation.best
-    named = min(
-        (
-            attempt
-            for attempt in [explanation.nominal, *explanation.attempts]
-            if not attempt.withdrawn and unnamed(attempt.hypotheses) is None
-        ),
-        key=penalised,
-    )
+    named = min((a for a in explanation.standing if unnamed(a.hypotheses) is None), key=penalised)
     tabled = unnamed(best.hypotheses) is not None and penalised(best) < _PART * penalised(named)
     return best if tabled else named
 

@@ -28,11 +28,13 @@ def test_simulated_recordings_are_as_long_and_as_noisy_and_none_is_another(measu
         model=SimpleNamespace(machine=lambda values: MACHINE),
         fit=SimpleNamespace(values=np.array([[3e-4, 700.0]])),
     )
-    one, other = _runs(nominal, 0, measured, 2, 1)
+    one, other = _runs(nominal, 0, measured, range(2), 1)
     assert one.values.shape == other.values.shape == measured.values.shape
     assert one.channels == measured.channels
     np.testing.assert_allclose(one.sigma, measured.sigma, rtol=0.3)
     np.testing.assert_allclose(one.values.std(axis=(0, 1)), measured.values.std(axis=(0, 1)), rtol=0.2)
+    (alone,) = _runs(nominal, 0, measured, range(1, 2), 1)
+    np.testing.assert_allclose(alone.values, other.values)
     assert np.all((one.values - other.values).std(axis=(0, 1)) > 3.0 * measured.sigma)
 
 
@@ -45,7 +47,7 @@ def test_what_was_simulated_when_it_is_interrupted_counts(monkeypatch):
         except StopIteration:
             raise KeyboardInterrupt from None
 
-    monkeypatch.setattr(calibration, "_runs", lambda *_: [None] * 19)
+    monkeypatch.setattr(calibration, "_runs", lambda *of: [None] * len(of[3]))
     monkeypatch.setattr(calibration, "_score", score)
     said = []
     search = SimpleNamespace(recordings=[None], workers=1, report=said.append)

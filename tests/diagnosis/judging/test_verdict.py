@@ -16,7 +16,7 @@ from clearance.diagnosis.hypotheses.missing_force import (
     free_form,
     resisting,
 )
-from clearance.diagnosis.judging import verdict
+from clearance.diagnosis.judging import verdict, words
 from clearance.diagnosis.judging.verdict import (
     Estimate,
     basis_of,
@@ -26,10 +26,10 @@ from clearance.diagnosis.judging.verdict import (
     free_form_of,
     place_of,
     probabilities,
-    sentences,
     verdict_of,
     withdraw,
 )
+from clearance.diagnosis.judging.words import sentences
 from clearance.diagnosis.searching.explanation import Explanation, Rails, Suspected
 from clearance.diagnosis.shooting.fit import Fit
 from clearance.diagnosis.shooting.model import Model, Unknown
@@ -56,6 +56,12 @@ def attempt(names, misfit, kind="physics", off=0.0):
         fit=SimpleNamespace(passes=passes, cost=10_000 * misfit),
         model=SimpleNamespace(shared=1 + len(names)),
     )  # fmt: skip
+
+
+def known(monkeypatch, numbers):
+    """Let every attempt's numbers be known."""
+    for module in (verdict, words):
+        monkeypatch.setattr(module, "estimates", numbers)
 
 
 @pytest.mark.parametrize(
@@ -108,7 +114,7 @@ def test_where_nothing_explains_the_clearance_spans_what_comes_near(misfit, expe
 
 @pytest.mark.parametrize(("fitted", "cushioned"), [(1e-5, True), (4e-4, False)])
 def test_a_gap_that_no_machine_keeps_open_is_the_joint_s(fitted, cushioned, monkeypatch):
-    monkeypatch.setattr(verdict, "estimates", lambda a: [Estimate(fitted, 0.9 * fitted, 1.1 * fitted)] * 2)
+    known(monkeypatch, lambda a: [Estimate(fitted, 0.9 * fitted, 1.1 * fitted)] * 2)
     nearest = attempt(["sensor_gain"], 6.0)
     nearest.hypotheses[0].body, nearest.hypotheses[0].direction = "instrument", "x"
     for one in (nominal := attempt([], 7.0), nearest):
@@ -130,7 +136,7 @@ def test_what_fills_a_gap_is_told_as_a_resistance_along_the_contracts_direction(
     sizes = 0.3 * np.exp(1.5 * np.linspace(0.0, CLOSEST, KNOTS))
     nominal.fit.values, best.fit.values = np.array([[5e-4, 700.0]]), np.array([[4e-4, *sizes, 700.0]])
     nominal.model.machine = lambda values: SliderCrank(joint_c=Joint(values[0]))
-    monkeypatch.setattr(verdict, "estimates", lambda _: [Estimate(3e-4, 3e-4, 3e-4)] * (1 + KNOTS))
+    known(monkeypatch, lambda _: [Estimate(3e-4, 3e-4, 3e-4)] * (1 + KNOTS))
     unsure = np.where(np.arange(KNOTS) < 5, 1e9, 0.1)  # the journal comes no nearer to the middle
     monkeypatch.setattr(verdict, "deviations", lambda fit, combined: unsure)
     explanation = Explanation(nominal, [best])
@@ -204,7 +210,7 @@ def test_what_the_motion_alone_shows_is_said_to_be_no_more_than_that():
     ("after", "expected"), [(1.02, "held-out error falls from 9 to 1.02"), (7e5, "does not help on held-out")]
 )
 def test_an_error_that_does_not_fall_is_not_said_to_fall(monkeypatch, after, expected):
-    monkeypatch.setattr(verdict, "estimates", lambda _: [Estimate(3e-4, 3e-4, 3e-4)] * 2)
+    known(monkeypatch, lambda _: [Estimate(3e-4, 3e-4, 3e-4)] * 2)
     nominal, table = attempt([], 50.0), attempt(["gravity"], 1.0)
     for one in (nominal, table):
         one.fit.values = np.array([[5e-4, 1.0, 700.0]])

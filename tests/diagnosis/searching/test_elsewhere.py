@@ -1,0 +1,128 @@
+"""Effects that no linear look can judge: which are tried, from what sizes, until when."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
+from clearance.diagnosis.searching import elsewhere
+from clearance.diagnosis.searching.elsewhere import (
+    _again,
+    _of_other_sizes,
+    _Tried,
+    _try_out,
+    begin_plausible,
+    begin_sure,
+)
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.mechanism.slider_crank import SliderCrank
+from tests.diagnosis.judging.test_verdict import attempt
+
+GROUPS = sorted(
+    gather(
+        load_effects(["guide_friction", "restitution", "soft_drive"], []),
+        Setting(SliderCrank(), "C").with_clearance(3e-4), "C", ("rod_c_axial",),
+    ).values(),
+    key=lambda group: ("guide_friction", "restitution", "soft_drive").index(group[0].name),
+)  # fmt: skip
+
+
+def test_what_a_look_is_sure_of_is_followed_anew_until_all_is_settled(monkeypatch):
+    def hint(name, gain, fault=None):
+        return SimpleNamespace(hypotheses=(SimpleNamespace(name=name, fault=fault),), values=[0.3], gain=gain)
+
+    hints = [
+        hint("worn_bearing", 200.0), hint("sensor_gain", 190.0, "gain"), hint("contact_stiffness", 180.0),
+        hint("restitution", 170.0), hint("gravity", 20.0),
+    ]  # fmt: skip
+    explanation, tried = Explanation(attempt([], 1.18), [], hints), []
+
+    def keep(explanation, held, make, again):
+        assert again  # a fit beside the nominal path explains already, with a wrong size
+        tried.append(held[0].name)
+        if held[0].name == "contact_stiffness":
+            explanation.attempts.append(attempt(["contact_stiffness"], 1.0))
+
+    monkeypatch.setattr(elsewhere, "beside", lambda base, held, values: (held, values))
+    begin_sure(SimpleNamespace(late=lambda: False, keep=keep), explanation)
+    assert tried == ["worn_bearing", "contact_stiffness"]
+    begin_sure(SimpleNamespace(late=lambda: True, keep=keep), Explanation(attempt([], 1.18), [], hints))
+    assert len(tried) == 2
+
+
+def test_what_is_missing_inside_a_joint_is_not_looked_for_outside(monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        elsewhere,
+        "_try_out",
+        lambda *of: asked.append({g[0].name for g in of[3]}),
+    )
+    nominal = attempt([], 400.0)
+    effects = load_effects(["guide_friction", "restitution", "soft_drive", "worn_bearing"], [])
+    groups = gather(effects, Setting(SliderCrank(), "C").with_clearance(3e-4), "C", ("rod_c_axial",)).values()
+    search = SimpleNamespace(others=lambda _: list(groups))
+    for balanced in (False, True):
+        begin_plausible(search, Explanation(nominal, balanced=balanced), nominal)
+    assert asked == [{"guide_friction", "soft_drive", "worn_bearing"}, {"worn_bearing"}]
+
+
+def test_each_candidate_is_tried_though_something_small_explains():
+    fitted = []
+    nominal, small = attempt([], 1.19), attempt(["rod_inertia"], 1.18)
+    explanation = Explanation(nominal, [small])
+    for one in (nominal, small):
+        one.misfits, one.label, one.fit.values = [one.misfit], "one", np.array([[3e-4, 700.0]])
+        one.model = SimpleNamespace(shared=1)
+    search = SimpleNamespace(
+        starts=[SimpleNamespace(doubt=1.0)], late=lambda: False, report=lambda _: None,
+        keep=lambda _, held, make: fitted.append(held[-1].name),
+        setting=SimpleNamespace(model=lambda held: None, with_clearance=lambda _: SliderCrank()),
+        finished=SimpleNamespace(followed=lambda *_: (None, np.zeros(3), 1.0)),
+    )  # fmt: skip
+    each = list({group[0].name: group for group in GROUPS}.values())
+    _try_out(search, explanation, nominal, each[:2], None)
+    assert fitted == ["guide_friction", "restitution"]
+
+
+@pytest.mark.parametrize(
+    ("name", "misfits", "expected"),
+    [
+        ("guide_friction", [0.9], 39.3),  # no flexible part: as it is
+        ("rod_flexibility", [2.5, 0.99], 0.99),
+        ("rod_flexibility", [None, 2.5, 30.0], 2.5),
+        ("rod_flexibility", [50.0, None, 40.0], 39.3),
+    ],
+)
+def test_a_flexible_part_is_followed_again_from_the_frequency_it_came_to(
+    monkeypatch, name, misfits, expected
+):
+    begun, left = [], iter(misfits)
+
+    def grow(start, model, row, limit):
+        begun.append(row.tolist())
+        misfit = next(left)
+        return None if misfit is None else ("its path", np.array([9.6e-4, 346.0, 0.03, 700.0]), misfit)
+
+    monkeypatch.setattr(elsewhere, "grow", grow)
+    monkeypatch.setattr(elsewhere, "start_with", lambda *_: None)
+    search = SimpleNamespace(
+        setting=Setting(SliderCrank(), "C"), late=lambda: False, report=lambda _: None,
+        finished=SimpleNamespace(followed=lambda label, make: make()),
+    )  # fmt: skip
+    machine = Setting(SliderCrank(), "C").with_clearance(3e-4)
+    hypothesis = next(iter(gather(load_effects([name], []), machine, "C", ()).values()))[0]
+    first = _Tried(39.3, [hypothesis], np.array([9.6e-4, 343.8, 0.006, 700.0]))
+    assert _again(search, first, 0, 50.0, "nominal").misfit == expected
+    dampings = [row[2] for row in begun]
+    assert dampings == pytest.approx([0.01, 0.03, 0.05][: len(misfits) if name == "rod_flexibility" else 0])
+
+
+def test_plausible_sizes_are_tried_before_other_shapes_of_one():
+    machine = Setting(SliderCrank(), "C").with_clearance(3e-4)
+    (group,) = gather(load_effects(["rod_flexibility"], []), machine, "C", ()).values()
+    first = _of_other_sizes(group)[:3]
+    assert [one.start[0] for one in first] == [300.0, 800.0, 2000.0]
+    assert len({one.start[1] for one in first}) == 1
+    assert len(_of_other_sizes(group)) == len(group)
