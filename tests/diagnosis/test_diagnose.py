@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from clearance.diagnose import _files, _load
@@ -15,6 +16,7 @@ from clearance.errors import InputError
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.files import read, write
+from clearance.recording.recording import Recording
 from tests.command_line import launch
 
 RPM = 3.141592653589793 / 30.0
@@ -127,7 +129,7 @@ def test_what_was_found_so_far_is_judged(stopped, monkeypatch):
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
-    """A folder with a recording, one that is too short, one at another rate and one with fewer channels."""
+    """Recordings: a right one, too short ones, one at another rate, with fewer channels, of motion alone."""
     folder = tmp_path_factory.mktemp("recordings")
     machine = replace(Setting(SliderCrank(), "C").with_clearance(3e-4), drive=SpeedControl(SPEED, ramp=0.1))
     whole = record(machine, 5)
@@ -136,6 +138,8 @@ def recordings(tmp_path_factory):
     write(replace(whole, values=whole.values[:1500]), folder / "short_of_a_third.parquet")
     write(replace(whole, values=whole.values[::2], rate=5e3), folder / "slow.parquet")
     write(whole.select(["crank_b_axial"]), folder / "crank.parquet")
+    turned = np.arange(300.0)[:, None] * [0.5, 1e-4]
+    write(Recording(turned, ("crank_angle", "slider_position"), 100.0), folder / "motion.parquet")
     return folder
 
 
@@ -153,6 +157,7 @@ def recordings(tmp_path_factory):
         (("recordings=a.parquet", "workers=0"), "workers = 0"),
         (("recordings=a.parquet", "time_limit=-5"), "time_limit = -5"),
         (("recordings=a.parquet", "simulations=5"), "simulations = 5"),
+        (("recordings=motion.parquet", "simulations=19"), "simulations = 19: only a diagnosis by accel"),
         (("recordings=a.parquet", "sensors=crank"), "change sensors"),
         (("recordings=[a.parquet,crank.parquet]",), "at least one on rod or slider"),
         (("recordings=[a.parquet,slow.parquet]",), "their rates differ"),
