@@ -25,6 +25,7 @@ from clearance.diagnosis.judging.verdict import (
     effects_of,
     equivalents,
     free_form_of,
+    lost,
     place_of,
     probabilities,
     verdict_of,
@@ -178,6 +179,11 @@ def diagnose(
             *(
                 ["What explains the fitted recordings does not explain the held-out ones."]
                 if verdict != verdict_of(explanation) else []
+            ),
+            *(
+                f"{name}: what was held out of it could not be followed to its end, and its errors are in "
+                "the held-out number; other held-out recordings are explained."
+                for name in (lost(after) if verdict not in ("none", "unknown") else [])
             ),
             *(
                 [f"Not everything was tried: {search.stopped}."] if search.stopped else []

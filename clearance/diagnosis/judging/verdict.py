@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.hypotheses.missing_force import DAMPING, FREE_FORM, unnamed
 from clearance.diagnosis.searching.explanation import Explanation, penalised
@@ -26,6 +26,7 @@ _UNHELD = 10.0  # times the largest force of a table: what is less sure than tha
 _SHAPELESS = 2.5  # times as unsure beside a table: root mean square of 12 errors of the plant over deviations
 _CLOSED, _AGREED = 0.5, 0.2  # of the clearance that the motion shows: a gap that closed; what it may err by
 _FAR_NEARER = 0.5  # of the best misfit: what leaves less, if of one recording only, says more of the place
+_LOST = 5.0  # misfit above which a path was lost: a model that is a little wrong leaves less
 _NEAR = 2.0  # times the best misfit: models that say as much of the clearance, where none explains
 
 
@@ -153,6 +154,23 @@ def cushioned(explanation: Explanation) -> bool:
     return bool(best.fit.values[0, 0] < _CLOSED * agreed[1])
 
 
+def lost(held_out: Attempt) -> list[str]:
+    """Names of held-out recordings on which the path was lost, though others are followed to their ends."""
+    each = dict(zip((f.measured.name for f in held_out.followers), held_out.misfits, strict=True))
+    return [name for name, misfit in each.items() if misfit > _LOST] if min(each.values()) < EXPLAINED else []
+
+
+def _confirmed(held_out: Attempt) -> bool:
+    """Whether recordings that were held out are explained, or by effects half of them, and the others lost.
+
+    An effect that is wrong follows none of them to its end; one that is right may be lost at an impact.
+    """
+    each = held_out.misfits
+    followed = sum(misfit < EXPLAINED for misfit in each)
+    half = bool(held_out.hypotheses) and 2 * followed >= len(each) == followed + len(lost(held_out))
+    return explained(held_out) or half
+
+
 def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str:
     """None, physics, instrument, mixed, ambiguous or unknown.
 
@@ -166,7 +184,7 @@ def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str
     best = explanation.best
     if best is explanation.shown:
         return best.hypotheses[0].kind
-    if not explained(best) or (held_out is not None and not explained(held_out)):
+    if not explained(best) or (held_out is not None and not _confirmed(held_out)):
         return "unknown"
     if not best.hypotheses:
         return "unknown" if suspicious(explanation) else "none"

@@ -24,6 +24,7 @@ from clearance.diagnosis.judging.verdict import (
     effects_of,
     equivalents,
     free_form_of,
+    lost,
     place_of,
     probabilities,
     verdict_of,
@@ -37,7 +38,7 @@ from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 
 
-def attempt(names, misfit, kind="physics", off=0.0):
+def attempt(names, misfit, kind="physics", off=0.0, each=()):
     hypotheses = tuple(
         SimpleNamespace(
             name=n,
@@ -49,10 +50,12 @@ def attempt(names, misfit, kind="physics", off=0.0):
         )
         for n in names
     )
-    passes = [SimpleNamespace(samples=10_000)]
+    passes, each = [SimpleNamespace(samples=10_000)], list(each) or [misfit]
+    recorded = [SimpleNamespace(name=f"{r}.csv", first=0) for r in range(len(each))]
+    followers = [SimpleNamespace(measured=one, segments=100) for one in recorded]
     return SimpleNamespace(
         hypotheses=hypotheses, misfit=misfit, level=misfit, scale=1.0 if misfit < 2 else 10.0,
-        withdrawn=False, reach=None, followers=[],
+        withdrawn=False, reach=None, followers=followers, misfits=each,
         fit=SimpleNamespace(passes=passes, cost=10_000 * misfit),
         model=SimpleNamespace(shared=1 + len(names)),
     )  # fmt: skip
@@ -85,6 +88,22 @@ def test_the_verdict_follows_from_what_explains(nominal, others, expected):
 def test_what_does_not_explain_held_out_recordings_is_not_asserted(held_out, expected):
     explanation = Explanation(attempt([], 50.0), [attempt(["gravity"], 1.0)])
     assert verdict_of(explanation, attempt(["gravity"], held_out)) == expected
+
+
+@pytest.mark.parametrize(
+    ("each", "expected", "told"),
+    [
+        ([1.02, 196.0], "physics", ["1.csv"]),
+        ([1.02, 2.0], "unknown", []),  # a little wrong, not lost
+        ([1.02, 196.0, 7.0], "unknown", ["1.csv", "2.csv"]),
+        ([60.0, 196.0], "unknown", []),
+    ],
+)
+def test_an_effect_is_asserted_though_half_of_what_was_held_out_is_lost(each, expected, told):
+    held_out = attempt(["gravity"], float(np.mean(each)), each=each)
+    assert verdict_of(Explanation(attempt([], 50.0), [attempt(["gravity"], 1.0)]), held_out) == expected
+    assert lost(held_out) == told
+    assert verdict_of(Explanation(attempt([], 1.0)), attempt([], 98.0, each=each)) == "unknown"
 
 
 @pytest.mark.parametrize(("left", "expected"), [(1.18, "unknown"), (1.02, "physics")])

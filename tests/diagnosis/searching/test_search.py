@@ -194,7 +194,7 @@ def test_friction_without_a_name_is_a_line_over_its_joints_force():
 
 @pytest.mark.slow
 def test_little_friction_without_a_name_is_found_beside_a_machine_that_follows():
-    found, explanation = within(3e-4, ("gravity",), friction=Coulomb(0.0015))
+    found, explanation = within(3e-4, ("gravity",), friction=Coulomb(0.002))
     explanation = Explanation(explanation.nominal)
     assert explained(explanation.nominal)
     assert unsettled(explanation)
