@@ -94,7 +94,7 @@ def main(cfg: DictConfig) -> None:
             *tracks_of(recordings, held_out),
             settings[0],
             effects,
-            uncertain_bounds(OmegaConf.to_container(cfg.uncertain), nominal),
+            uncertain_bounds(cfg.uncertain, nominal),
             zero_is_known(cfg.encoder_zero),
             (low, high),
             workers,

@@ -1,5 +1,6 @@
 """Every option of every configuration group composes, and makes what it says."""
 
+import shlex
 from functools import cache
 from pathlib import Path
 
@@ -31,6 +32,20 @@ PATH = {"stored": ["data.source.path=somewhere"], "measured": ["data.source.path
 def composed(command, *overrides):
     with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
         return compose(command, list(overrides), return_hydra_config=True)
+
+
+SHOWN = [
+    line for line in (CONFIGURATION.parent / "README.md").read_text().splitlines()
+    if line.startswith("python -m clearance.")
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("line", SHOWN)
+def test_the_commands_that_are_shown_are_understood(line):
+    _, _, module, *overrides = shlex.split(line, comments=True)
+    sweep = "-m" in overrides
+    each = [one.split(",")[0] if sweep and "[" not in one else one for one in overrides if one != "-m"]
+    assert composed(module.removeprefix("clearance."), *each)
 
 
 @cache

@@ -41,11 +41,13 @@ def tracks_of(
 
 
 def uncertain_bounds(given: Any, machine: SliderCrank) -> dict[str, tuple[float, float]]:
-    """Bounds of the mechanism's uncertain values, by path.
+    """Bounds of the mechanism's uncertain values, by path; none where nothing is given.
 
     Raises:
         InputError: a path that the mechanism does not have, or bounds that are none.
     """
+    if given is None:
+        return {}
     if not isinstance(given, Mapping):
         raise InputError(
             f"uncertain = {given!r} is not a mapping of the mechanism's values to bounds, as in "
@@ -57,8 +59,9 @@ def uncertain_bounds(given: Any, machine: SliderCrank) -> dict[str, tuple[float,
         nominal = read_path(machine, str(path))
         if isinstance(nominal, bool) or not isinstance(nominal, int | float):
             raise InputError(f"{key} is not a number of the mechanism; change uncertain")
-        numbers = [b for b in bounds if isinstance(b, int | float)] if isinstance(bounds, list) else []
-        if len(numbers) != 2 or isinstance(bounds, str) or not numbers[0] < numbers[1]:
+        listed = isinstance(bounds, Sequence) and not isinstance(bounds, str)
+        numbers = [b for b in bounds if isinstance(b, int | float)] if listed else []
+        if len(numbers) != 2 or not numbers[0] < numbers[1]:
             raise InputError(f"{key}: {bounds!r} is not two rising numbers; change uncertain")
         for bound in numbers:
             with_values(machine, {str(path): float(bound)})

@@ -224,7 +224,7 @@ def test_the_command_takes_such_recordings_and_writes_all_that_it_always_writes(
     write(planted(4.0, 100.0, effects={"slider_offset": {"offset": 3e-3}}), tmp_path / "rig.parquet")
     done = launch(
         "diagnose", "recordings=[rig.parquet]", "joint=C", "hypotheses=[slider_offset,gravity]",
-        "hydra.run.dir=run", folder=tmp_path,
+        "uncertain={slider.mass: [0.1, 0.2]}", "hydra.run.dir=run", folder=tmp_path,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "run/diagnosis.json").read_text())
