@@ -181,6 +181,10 @@ def diagnose(
                 if verdict != verdict_of(explanation) else []
             ),
             *(
+                f"{label} explains the fitted recordings, but held-out ones are explained better without it."
+                for label in judged.withdrawn
+            ),
+            *(
                 f"{name}: what was held out of it could not be followed to its end, and its errors are in "
                 "the held-out number; other held-out recordings are explained."
                 for name in (lost(after) if verdict not in ("none", "unknown") else [])
@@ -229,6 +233,7 @@ class _Judged:
         after: the best one.
         errors_before: innovations of each.
         errors_after: likewise.
+        withdrawn: labels of what explained the fitted recordings and harms here.
     """
 
     held_out: list[Measured]
@@ -236,6 +241,7 @@ class _Judged:
     after: Attempt
     errors_before: list[Innovations]
     errors_after: list[Innovations]
+    withdrawn: list[str]
 
 
 def _judge(held_out: Sequence[Measured], search: Search, explanation: Explanation) -> _Judged:
@@ -244,20 +250,22 @@ def _judge(held_out: Sequence[Measured], search: Search, explanation: Explanatio
     What the nominal machine explains clearly better there is withdrawn: it was made of chance, or stands in
     the place of something else.
     """
+    withdrawn: list[str] = []
     while True:
         best, nominal, joint = explanation.best, explanation.nominal, search.setting.joint
         own = [_clocked(one, search, best) for one in held_out]
         after = _held_out(own, search, best)
         errors_after = innovations(after, joint)
         if best is nominal:
-            return _Judged(own, after, after, errors_after, errors_after)
+            return _Judged(own, after, after, errors_after, errors_after, withdrawn)
         before = _held_out(own, search, nominal, after)
         errors_before = innovations(before, joint, after)
         better = explained(before) and root_mean_square(errors_before) < interval(errors_after)[0]
         if best is explanation.shown or not better:
-            return _Judged(own, before, after, errors_before, errors_after)
+            return _Judged(own, before, after, errors_before, errors_after, withdrawn)
         search.report(f"{best.label}: held-out recordings are explained better without")
         best.withdrawn = True
+        withdrawn.append(best.label)
         _ask(search, explanation)
 
 

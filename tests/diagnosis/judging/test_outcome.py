@@ -57,3 +57,4 @@ def test_what_the_nominal_machine_explains_better_on_held_out_recordings_is_with
     judged = _judge([], search, Explanation(machine, [found]))
     assert found.withdrawn == withdrawn
     assert judged.after is (machine if withdrawn else found)
+    assert judged.withdrawn == (["gravity"] if withdrawn else [])
