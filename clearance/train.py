@@ -9,8 +9,10 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
 from clearance.commands import command
+from clearance.errors import InputError
 from clearance.evaluation.evaluate import evaluate
 from clearance.models.gauge import Calibration, Gauge
+from clearance.models.neural import NeuralEstimator
 from clearance.models.run_folder import METRICS, RunFolder, environment
 from clearance.whole_files import read_json
 
@@ -27,6 +29,12 @@ def main(cfg: DictConfig) -> float | None:
     estimator = instantiate(cfg.model, _convert_="all")
     metrics = instantiate(cfg.metrics)
     calibration = Calibration(**cfg.calibration)
+    if cfg.begin is not None:
+        if not isinstance(estimator, NeuralEstimator):
+            raise InputError(
+                f"begin={cfg.begin}: trees do not go on from others; set begin=null or a network"
+            )
+        estimator.begin(Path(cfg.begin))
 
     run = RunFolder.open(Path(cfg.folder), config, cfg.seed, cfg.resume)
     if run.finished:

@@ -86,6 +86,7 @@ class NeuralEstimator:
     ) -> None:
         self._make, self._training, self._metrics, self._clip = net, training, metrics, gradient_clip
         self._shape = (0, 0)  # channels, time steps
+        self._begun: dict[str, torch.Tensor] = {}  # weights of another training
         if gradient_clip is not None:
             require(self, 0.0, strict=True, gradient_clip=gradient_clip)
         monitored = ["val/loss", *(f"val/{name}" for name in metrics)]
@@ -107,6 +108,8 @@ class NeuralEstimator:
         L.seed_everything(run.seed, verbose=False)
         torch.backends.cudnn.deterministic, torch.backends.cudnn.benchmark = True, False
         self._build(len(data.channels), data.windows.length)
+        if self._begun:
+            self._take(self._begun, "begin")
         module = Regressor(
             self.net, plan.loss, plan.optimizer, plan.schedule, self._metrics, data.scalers.target
         )  # fmt: skip
@@ -179,10 +182,24 @@ class NeuralEstimator:
                 shape = file.metadata()
                 state = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
             self._build(int(shape["channels"]), int(shape["length"]))
-            self.net.load_state_dict(state)
-        except (OSError, SafetensorError, RuntimeError, TypeError, KeyError, ValueError) as error:
-            raise InputError(f"{path}: not the weights of this model ({error}); set checkpoint") from error
+        except (OSError, SafetensorError, TypeError, KeyError, ValueError) as error:
+            raise InputError(f"{path}: not the weights of a network ({error}); set checkpoint") from error
+        self._take(state, str(path))
         self.net.eval()
+
+    def begin(self, folder: Path) -> None:
+        """Train from the weights that ``save`` left in the folder of another training, not from chance."""
+        self.load(folder)
+        self._begun = {name: value.clone() for name, value in self.net.state_dict().items()}
+
+    def _take(self, weights: dict[str, torch.Tensor], source: str) -> None:
+        try:
+            self.net.load_state_dict(weights)
+        except RuntimeError as error:
+            raise InputError(
+                f"{source}: not the weights of this model on these sensors and windows ({error}); set "
+                "checkpoint or begin to a training of the same"
+            ) from error
 
     def _build(self, channels: int, length: int) -> None:
         self._shape = (channels, length)

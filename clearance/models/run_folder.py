@@ -70,9 +70,7 @@ def _task(config: dict[str, Any]) -> dict[str, Any]:
 
 
 def _differing(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
-    return sorted(
-        key for key in {*one, *other} if key not in one or key not in other or one[key] != other[key]
-    )
+    return sorted(key for key in {*one, *other} if one.get(key) != other.get(key))
 
 
 def environment() -> dict[str, Any]:

@@ -4,7 +4,7 @@ Run ``i`` of a campaign depends on the seed and on ``i`` alone, so that shards, 
 agree.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
@@ -14,6 +14,7 @@ import numpy as np
 from tqdm import tqdm
 
 from clearance.errors import InputError
+from clearance.mechanism.description import read_path, with_values
 from clearance.mechanism.joint import CLEARANCE_RANGE
 from clearance.mechanism.parameters import require, require_list
 from clearance.mechanism.slider_crank import SliderCrank
@@ -65,6 +66,8 @@ class Campaign:
         speed_range: of the uniform draw [rpm].
         duration: of a simulation [s].
         record_start: time of the first recorded sample [s].
+        random: path of a number of the machine, such as ``guide_friction.coulomb_force``, to the limits of
+            its own uniform draw: physics that nobody knows.
     """
 
     mechanism: SliderCrank
@@ -78,6 +81,7 @@ class Campaign:
     speed_range: Sequence[float] = (500.0, 1000.0)
     duration: float = 3.0
     record_start: float = 2.0
+    random: Mapping[str, Sequence[float]] | None = None
 
     def __post_init__(self) -> None:
         require(self, 1, 10_000_000, whole=True, runs=self.runs)
@@ -93,6 +97,22 @@ class Campaign:
                 raise InputError(
                     f"Campaign.{name} = [{low:g}, {high:g}] falls; change the key that ends in {name!r}"
                 )
+        drawn = {path: tuple(pair) for path, pair in (self.random or {}).items()}
+        object.__setattr__(self, "random", drawn)
+        require_list(self, 2, -1e12, 1e12, **{f"random.{path}": pair for path, pair in drawn.items()})
+        for path in drawn:
+            if self._drawn_anyway(path) or not isinstance(read_path(self.mechanism, path), float):
+                raise InputError(
+                    f"Campaign.random.{path} is no number of the machine that may be drawn; change the key "
+                    "that ends in 'random'"
+                )
+            if drawn[path][0] > drawn[path][1]:
+                raise InputError(
+                    f"Campaign.random.{path} = {list(drawn[path])} falls; change the key that ends in "
+                    "'random'"
+                )
+        for end in (0, 1):
+            with_values(self.mechanism, {path: float(pair[end]) for path, pair in drawn.items()})
 
     @property
     def sampling(self) -> Sampling:
@@ -110,31 +130,50 @@ class Campaign:
         """A description of the campaign for people and for comparison."""
         described = describe(self)
         described.pop("runs")
+        if not self.random:
+            described.pop("random")
         return described
 
     def labels(self, runs: Sequence[int]) -> np.ndarray:
         """(runs, 3) clearance of B and C [m] and speed [rad/s]."""
         low, high = self.clearance_range
         slow, fast = self.speed_range
+        unknown = any(path.endswith(".clearance") for path in self.random or ())
         values = np.zeros((len(runs), 3))
         for row, run in enumerate(runs):
             draw = np.random.default_rng([self.seed, run]).uniform(size=3)
             drawn_b, drawn_c = low + draw[0] * (high - low), low + draw[1] * (high - low)
-            values[row, 0] = drawn_b if self.joint.b else self.mechanism.joint_b.clearance
-            values[row, 1] = drawn_c if self.joint.c else self.mechanism.joint_c.clearance
+            nominal = self._nominal(run) if unknown else self.mechanism
+            values[row, 0] = drawn_b if self.joint.b else nominal.joint_b.clearance
+            values[row, 1] = drawn_c if self.joint.c else nominal.joint_c.clearance
             values[row, 2] = (slow + draw[2] * (fast - slow)) * np.pi / 30.0
         return values
 
     def machine(self, run: int) -> SliderCrank:
         """The machine of one run."""
         clearance_b, clearance_c, speed = self.labels([run])[0]
-        nominal = self.mechanism
+        nominal = self._nominal(run)
         return replace(
             nominal,
             joint_b=replace(nominal.joint_b, clearance=float(clearance_b)),
             joint_c=replace(nominal.joint_c, clearance=float(clearance_c)),
             drive=nominal.drive.at_speed(float(speed * 30.0 / np.pi)),
         )
+
+    def _nominal(self, run: int) -> SliderCrank:
+        """The machine with what is random of it, before clearance and speed."""
+        if not self.random:
+            return self.mechanism
+        draw = np.random.default_rng([self.seed, run, 2]).uniform(size=len(self.random))
+        values = {
+            path: float(low + share * (high - low))
+            for share, (path, (low, high)) in zip(draw, sorted(self.random.items()), strict=True)
+        }
+        return with_values(self.mechanism, values)
+
+    def _drawn_anyway(self, path: str) -> bool:
+        drawn = {"joint_b.clearance": self.joint.b, "joint_c.clearance": self.joint.c}
+        return drawn.get(path, path in ("drive.speed_rpm", "drive.no_load_rpm"))
 
     def observe(self, run: int, signals: np.ndarray) -> np.ndarray:
         """What the sensors make of a run's ten accelerations, (samples, 10)."""

@@ -12,7 +12,8 @@ from omegaconf import DictConfig
 from clearance.commands import command, shard
 from clearance.errors import InputError
 from clearance.evaluation.results import put_between_marks
-from clearance.trial import pictures
+from clearance.trial import closed_loop, pictures
+from clearance.trial.closed_loop import close_loop
 from clearance.trial.conceal import conceal
 from clearance.trial.examine import Examiner
 from clearance.trial.reveal import commit_verdicts, reveal
@@ -22,12 +23,12 @@ from clearance.whole_files import write_atomically, write_json
 
 log = logging.getLogger(__name__)
 
-STAGES = ("conceal", "diagnose", "reveal")
+STAGES = ("conceal", "diagnose", "reveal", "loop")
 
 
 @command("trial")
 def main(cfg: DictConfig) -> None:
-    """Conceal cases, have them diagnosed, reveal and score; or one of these stages."""
+    """Conceal cases, have them diagnosed, reveal, score, close the loop if asked; or one of these stages."""
     if cfg.stage not in ("all", *STAGES):
         raise InputError(f"stage = {cfg.stage!r} is unknown; choose from all, {', '.join(STAGES)}")
     for name in ("parallel", "time_limit"):
@@ -37,7 +38,11 @@ def main(cfg: DictConfig) -> None:
         raise InputError(f"seed = {cfg.seed!r} is not a whole number, 0 or more, or null; change seed")
     part = shard(cfg.shard)
     folder, sealed, parallel = Path(cfg.folder), Path(cfg.sealed), int(cfg.parallel)
-    scope = instantiate(cfg.scope, _convert_="all")
+    scope, loop = instantiate(cfg.scope, _convert_="all"), instantiate(cfg.loop, _convert_="all")
+    if cfg.stage == "loop" and loop is None:
+        raise InputError(
+            "stage = loop needs to know how to train; choose experiment=closed_loop, or set loop"
+        )
     if cfg.stage in ("all", "conceal"):
         published = conceal(scope, cfg.seed, folder, sealed, parallel, log.info)
         log.info("%d cases concealed; commitment SHA-256 %s", scope.cases, published["sha256"])
@@ -45,11 +50,15 @@ def main(cfg: DictConfig) -> None:
         program = list(cfg.program or [sys.executable, "-m", "clearance.diagnose"])
         examiner = Examiner(program, list(cfg.arguments), cfg.time_limit, cfg.retry)
         examiner.examine(folder, parallel, log.info, part)
-    if cfg.stage == "reveal" or (cfg.stage == "all" and part == (1, 1)):
+    if cfg.stage in ("reveal", "loop") or (cfg.stage == "all" and part == (1, 1)):
         log.info("verdicts committed: SHA-256 %s", commit_verdicts(folder))
         facts, cases = reveal(folder, sealed)
-        rows = [score_case(one) for one in cases]
-        _write(folder, facts, rows, cfg.results, cfg.readme)
+        if cfg.stage != "loop":
+            rows = [score_case(one) for one in cases]
+            _write(folder, facts, rows, None if loop else cfg.results, None if loop else cfg.readme)
+        if loop is not None and cfg.stage != "reveal":
+            closed = close_loop(cases, folder, loop, parallel, log.info)
+            _write_loop(folder, facts, closed, cfg.results, cfg.readme)
 
 
 def _write(
@@ -69,15 +78,36 @@ def _write(
     }.items():
         write_atomically(folder / f"{name}.png", figure.savefig)
     text = table(summary)
-    if results is not None:
-        Path(results).parent.mkdir(parents=True, exist_ok=True)
-        write_json(Path(results), summary)
-    if readme is not None:
-        content = Path(readme).read_text(encoding="utf-8")
-        renewed = put_between_marks(content, "trial", text, "trial")
-        write_atomically(Path(readme), lambda file: file.write_text(renewed, encoding="utf-8"))
+    _publish(summary, text, "trial", results, readme)
     sys.stdout.write(f"\n{text}\n{failures(summary) or 'no failures'}\n")
     log.info("written to %s", folder)
+
+
+def _write_loop(
+    folder: Path,
+    facts: dict[str, Any],
+    rows: Sequence[dict[str, Any]],
+    results: str | None,
+    readme: str | None,
+) -> None:
+    """Likewise what the estimators made of it."""
+    content = facts | closed_loop.summarise(rows) | {"rows": list(rows)}
+    write_json(folder / closed_loop.RESULT, content)
+    write_atomically(folder / "closed_loop.png", pictures.loop(rows).savefig)
+    text = closed_loop.table(rows)
+    _publish(content, text, "loop", results, readme)
+    sys.stdout.write(f"\n{text}\n")
+    log.info("written to %s", folder)
+
+
+def _publish(content: dict[str, Any], text: str, block: str, results: str | None, readme: str | None) -> None:
+    if results is not None:
+        Path(results).parent.mkdir(parents=True, exist_ok=True)
+        write_json(Path(results), content)
+    if readme is not None:
+        before = Path(readme).read_text(encoding="utf-8")
+        renewed = put_between_marks(before, block, text, "trial")
+        write_atomically(Path(readme), lambda file: file.write_text(renewed, encoding="utf-8"))
 
 
 if __name__ == "__main__":

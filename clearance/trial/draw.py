@@ -14,7 +14,6 @@ from clearance.trial.repertoire import EFFECTS, FAULTS, FORCES, LEFT_OUT, SENSOR
 
 Generator = np.random.Generator
 _JITTER = 0.15  # a size is drawn within this share of the repertoire's, so that none is a round number
-_KNOWN_FRAME = 0.1  # of the cases stand on a frame that is known to move, whatever is missing
 _DECOY = 0.15  # of the cases with all their hypotheses needed lose another one: losing one tells nothing
 _WHOLE = frozenset({"order", "seed"})
 _LIVE = ("rod_b_transverse", "rod_b_axial", "rod_c_transverse", "rod_c_axial", "slider_horizontal")
@@ -34,6 +33,9 @@ class Scope:
         noise: level to its share, of any sum.
         sensors: set to its share, of any sum.
         encoder: share of the cases with an encoder.
+        known_frame: share of the cases that stand on a frame that is known to move, whatever is missing.
+        items: of each kind, those that may be missing; all if none is named.
+        sizes: 0, 1 or 2, of which each is drawn.
     """
 
     cases: int = 12
@@ -45,6 +47,9 @@ class Scope:
     noise: Sequence[Sequence[float]] = ((0.01, 4.0), (0.05, 1.0))
     sensors: Mapping[str, float] = field(default_factory=lambda: {"all": 1.0})
     encoder: float = 0.7
+    known_frame: float = 0.1
+    items: Sequence[str] = ()
+    sizes: Sequence[int] = (0, 1, 2)
 
     def __post_init__(self) -> None:
         for name, least, most in (("cases", 1, 10_000), ("recordings", 1, 8)):
@@ -62,6 +67,14 @@ class Scope:
                 raise InputError(
                     f"{name} = {dict(given)} must be shares of at least 0, not all 0; change scope.{name}"
                 )
+        every = (*EFFECTS, *FAULTS, *FORCES)
+        for item in self.items:
+            if item not in every:
+                raise InputError(
+                    f"items: {item!r} is unknown; choose from {', '.join(every)}; change scope.items"
+                )
+        if not self.sizes or not set(self.sizes) <= {0, 1, 2}:
+            raise InputError(f"sizes = {list(self.sizes)} are not of 0, 1 and 2; change scope.sizes")
         limits = (("clearance_range", 1e-6, 2e-3), ("speed_range", 100.0, 3000.0), ("seconds", 0.2, 60.0))
         for name, low, high in limits:
             given = getattr(self, name)
@@ -104,19 +117,20 @@ def counts(shares: Mapping[str, float], total: int) -> dict[str, int]:
 
 
 def _schedule(scope: Scope, rng: Generator) -> list[tuple[str, str, int]]:
-    """Kind, item and size of each case: all items before one comes twice, all its sizes in three rounds."""
+    """Kind, item and size of each case: all items before one comes twice, all its sizes in turn."""
     items: dict[str, list[str]] = {
         "none": [""], "effect": list(EFFECTS), "instrument": list(FAULTS), "pair": [""],
         "outside": list(FORCES), "left_out": list(LEFT_OUT),
     }  # fmt: skip
     wanted = []
     for kind, count in counts(scope.shares, scope.cases).items():
-        names = items[kind]
-        order, first = rng.permutation(len(names)), rng.integers(0, 3, len(names))
+        names = [name for name in items[kind] if name in scope.items] or items[kind]
+        order, first = rng.permutation(len(names)), rng.integers(0, len(scope.sizes), len(names))
         for n in range(count):
             round_, place = divmod(n, len(names))
             chosen = order[place]
-            wanted.append((kind, names[chosen], int((first[chosen] + round_) % 3)))
+            size = scope.sizes[(first[chosen] + round_) % len(scope.sizes)]
+            wanted.append((kind, names[chosen], int(size)))
     return wanted
 
 
@@ -140,7 +154,7 @@ def _circumstances(scope: Scope, rng: Generator) -> dict[str, Any]:
         "noise": _one_of({level: share for level, share in scope.noise}, rng),
         "noise_seed": int(rng.integers(2**31)),
         "sessions": sessions,
-        "known_frame": bool(rng.random() < _KNOWN_FRAME),
+        "known_frame": bool(rng.random() < scope.known_frame),
     }
 
 

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 Row = Mapping[str, Any]
 _FAINTEST = 1e-2  # visibilities below are drawn there
+_ESTIMATORS = {"nominal": ("#b2182b", "x"), "true": ("#888888", "o"), "corrected": ("#1b7837", ".")}
 _COLOURS = {"right": "#1b7837", "detected": "#e08214", "missed": "#b2182b"}
 
 
@@ -96,6 +97,24 @@ def estimates(rows: Sequence[Row]) -> Figure:
         xlabel="held-out error before, over the floor",
         ylabel="after, over the floor",
     )
+    return figure
+
+
+def loop(rows: Sequence[Row]) -> Figure:
+    """Clearances that estimators read, against the true ones: one panel a case."""
+    columns = min(len(rows), 4)
+    lines = -(-len(rows) // columns)
+    figure = _figure(3.2 * columns, 3.2 * lines)
+    for place, row in enumerate(rows, 1):
+        axes = figure.add_subplot(lines, columns, place)
+        true = 1e3 * np.array(row["true_m"])
+        axes.plot([0.0, true.max()], [0.0, true.max()], color="black", linewidth=1)
+        for name, (colour, marker) in _ESTIMATORS.items():
+            read = 1e3 * np.array(row["estimates_m"][name])
+            axes.scatter(true, read, s=14, color=colour, marker=marker, label=name)
+        axes.set(title=f"{row['item']}, {row['joint']}", xlabel="true clearance [mm]", ylabel="read [mm]")
+        if place == 1:
+            axes.legend(frameon=False, fontsize="small")
     return figure
 
 

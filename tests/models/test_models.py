@@ -106,6 +106,20 @@ def test_a_killed_training_goes_on_to_the_same_weights(model, make_data, open_ru
         assert torch.equal(weight, resumed.net.state_dict()[name]), name
 
 
+def test_a_training_begins_with_the_weights_of_another(make_data, open_run, tmp_path):
+    first = configured("tcn", "trainer.epochs=1")
+    first.fit(make_data(), open_run("first"))
+    first.save(tmp_path)
+    on = configured("tcn", "trainer.epochs=1", "trainer.optimizer.lr=0")
+    on.begin(tmp_path)
+    on.fit(make_data(), open_run("on"))
+    learnt = dict(on.net.named_parameters())  # statistics of batch normalisation go on
+    for name, weight in first.net.named_parameters():
+        assert torch.equal(weight, learnt[name]), name
+    with pytest.raises(InputError, match="set checkpoint or begin to a training of the same"):
+        configured("lstm").begin(tmp_path)
+
+
 def test_training_stops_when_validation_does_not_improve(make_data, open_run):
     estimator = configured(
         "lstm",

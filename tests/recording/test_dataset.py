@@ -56,6 +56,39 @@ def test_a_larger_campaign_goes_on_with_the_same_runs(whole, tmp_path):
     np.testing.assert_array_equal(grown.labels["clearance_c"], whole.labels["clearance_c"])
 
 
+def test_physics_that_nobody_knows_is_drawn_for_each_run(whole):
+    limits = {"gravity.1": (-9.81, 0.0), "joint_b.clearance": (0.0, 3e-4)}
+    drawn = replace(SMALL, random=limits)
+    machines = [drawn.machine(run) for run in range(20)]
+    for name, values in {
+        "gravity.1": [m.gravity[1] for m in machines],
+        "joint_b.clearance": [m.joint_b.clearance for m in machines],
+    }.items():
+        low, high = limits[name]
+        assert low <= min(values) < low + 0.3 * (high - low) < high - 0.3 * (high - low) < max(values) <= high
+    assert drawn.machine(4) == machines[4]
+    np.testing.assert_array_equal(drawn.labels(range(20))[:, 0], [m.joint_b.clearance for m in machines])
+    assert [m.joint_c.clearance for m in machines] == whole.labels["clearance_c"].tolist()
+    assert drawn.fingerprint != SMALL.fingerprint == replace(SMALL, random={}).fingerprint
+
+
+@pytest.mark.parametrize(
+    ("random", "said"),
+    [
+        ({"joint_c.clearance": (0.0, 1e-3)}, "may be drawn"),
+        ({"drive.speed_rpm": (500.0, 600.0)}, "may be drawn"),
+        ({"joint_c.contact": (0.0, 1.0)}, "may be drawn"),
+        ({"gravity.1": (0.0, -9.81)}, "falls"),
+        ({"gravity.1": (0.0,)}, "list of 2 numbers"),
+        ({"joint_b.clearance": (-1e-3, 1e-4)}, "outside"),
+        ({"gravity.7": (0.0, 1.0)}, "has no '7'"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(random, said):
+    with pytest.raises(InputError, match=said):
+        replace(SMALL, random=random)
+
+
 def test_what_is_missing_is_made_again_and_nothing_else(whole, tmp_path):
     dataset = SMALL.generate(tmp_path / "data")
     chunk = tmp_path / "data" / "signals" / "c"

@@ -1,0 +1,145 @@
+"""An estimator that goes on from the nominal one, on what a diagnosis corrected, beside the floor."""
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+import pytest
+
+from clearance.errors import InputError
+from clearance.mechanism.description import read_path, write_mechanism
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.trial import pictures
+from clearance.trial.case import Case, Session
+from clearance.trial.closed_loop import (
+    ESTIMATORS,
+    Loop,
+    close_loop,
+    record,
+    score,
+    summarise,
+    table,
+    true_machine,
+)
+from clearance.trial.draw import Drawing, Scope
+from clearance.trial.examine import VERDICTS
+from clearance.trial.plant import ExtraForce
+from clearance.trial.reveal import Revealed
+from tests.trial.tool import verdict
+
+NULL = Case(
+    name="case_0001", kind="effect", joint="B", clearance=4e-4, sensors="all", encoder=True, noise=0.01,
+    noise_seed=1, sessions=(Session(speed_rpm=700.0, start_angle=0.0, record_start=0.3, duration=0.2),),
+)  # fmt: skip
+LOOP = Loop(
+    tests=2, clearance_range=(1e-4, 9e-4), speed_range=(600.0, 800.0), seconds=0.2, label_range=1e-3,
+    train=(
+        "experiment=smoke", "model=tcn", "model.net.widths=[8, 8]", "runs=6", "trainer.epochs=1",
+        "trainer.accelerator=cpu", "trainer.threads=1", "split_seed=1",
+    ),
+    corrected=("seed=7",), random=("campaign.random={joint_{other}.clearance: [0, 3e-4]}",),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "path", "expected"),
+    [
+        ("guide_friction", {"coulomb_force": 4.2}, "guide_friction.coulomb_force", 4.2),
+        ("gravity", {"gravity_y": -5.0}, "gravity.1", -5.0),
+        ("second_clearance", {"clearance": 8e-5}, "joint_c.clearance", 8e-5),
+        ("soft_drive", {"proportional": 1.0, "integral": 40.0}, "drive.integral", 40.0),
+        ("soft_drive", {"stall_torque": 20.0, "no_load_ratio": 1.03}, "drive.stall_torque", 20.0),
+        ("joint_lubrication", {"damping": 0.1}, "joint_b.film.damping", 0.1),
+        ("worn_bearing", {"amplitude": 2e-5, "order": 3, "phase": 0.4}, "joint_b.bearing.order", 3),
+        ("rod_inertia", {"mass_ratio": 1.15}, "rod.mass", 1.15 * SliderCrank().rod.mass),
+    ],
+)
+def test_the_true_machine_has_the_case_s_numbers(effect, values, path, expected):
+    machine = true_machine(replace(NULL, effects={effect: values}))
+    assert read_path(machine, path) == pytest.approx(expected)
+    assert machine.joint_b.clearance == 4e-4
+
+
+def test_a_force_without_a_name_is_a_fine_table():
+    force = {
+        "of": "slider_by_position", "target": "slider_x", "argument": "slider_position", "kind": "bump",
+        "size": 9.0, "centre": 0.12, "width": 0.01,
+    }  # fmt: skip
+    law = true_machine(replace(NULL, kind="outside", force=force)).force
+    assert (law.body, law.direction, law.argument) == ("slider", "x", "slider_position")
+    knots = law.start + law.spacing * np.arange(len(law.values))
+    expected = ExtraForce(**{key: value for key, value in force.items() if key != "of"}).value(knots)
+    np.testing.assert_allclose(law.values, expected)
+    assert max(law.values) > 8.5
+    turning = {**force, "target": "crank_torque", "argument": "crank_angle", "width": 2 * pi}
+    assert true_machine(replace(NULL, force=turning)).force.spacing is None
+    with pytest.raises(InputError, match="force over time cannot be trained on"):
+        true_machine(replace(NULL, force={**force, "argument": "time"}))
+
+
+def test_a_scope_may_name_what_is_missing_and_how_much():
+    scope = Scope(cases=5, shares={"effect": 4, "outside": 1}, items=("gravity", "crank"), sizes=(2,))
+    cases = [Drawing(scope, 3).case(i) for i in range(5)]
+    assert {case.missing for case in cases if case.kind == "effect"} == {("gravity",)}
+    assert {case.force["of"] for case in cases if case.kind == "outside"} == {"crank"}
+    assert {case.size for case in cases} == {2}
+    assert not any(Drawing(replace(scope, known_frame=0.0), 3).case(i).known_frame for i in range(5))
+    with pytest.raises(InputError, match=r"scope\.items"):
+        replace(scope, items=("ghost",))
+    with pytest.raises(InputError, match=r"scope\.sizes"):
+        replace(scope, sizes=())
+
+
+def test_a_worn_bore_is_not_closed_and_recordings_are_made_once(tmp_path):
+    worn = replace(NULL, effects={"worn_bearing": {"amplitude": 2e-4, "order": 2, "phase": 0.0}})
+    made = record(worn, tmp_path, LOOP, 1)
+    assert [clearance for _, clearance in made] == pytest.approx([5.25e-4, 7.75e-4])
+    before = [path.stat().st_mtime_ns for path, _ in made]
+    assert record(worn, tmp_path, LOOP, 1) == made
+    assert [path.stat().st_mtime_ns for path, _ in made] == before
+
+
+HEAVY = replace(NULL, effects={"gravity": {"gravity_y": -9.81}})
+
+
+def revealed(case, clearance=3e-4):
+    said = verdict("physics", [{"name": "gravity", "kind": "physics", "parameters": {}}], clearance)
+    return Revealed(case, {}, said, 10.0, None)
+
+
+def test_the_share_of_the_gap_to_the_floor_is_what_was_closed():
+    true = np.array([1e-4, 5e-4])
+    off = {"nominal": 1.1e-4, "corrected": 2e-5, "true": 1e-5, "random": 6e-5}
+    rows = [
+        score(revealed(HEAVY), true, {name: true + error for name, error in off.items()}, 1e-3),
+        score(revealed(HEAVY), true, {name: true - 3 * error for name, error in off.items()}, 1e-3),
+    ]
+    assert rows[0]["error"] == pytest.approx({"nominal": 11, "corrected": 2, "true": 1, "random": 6})
+    assert rows[0]["closed"] == pytest.approx(0.9)
+    assert rows[0]["diagnosis_error"] == pytest.approx(10.0)
+    total = summarise(rows)
+    assert total["error"]["nominal"] == pytest.approx(22.0)
+    assert (total["closed"], total["closed_by_random"]) == pytest.approx((0.9, 0.5))
+    assert "| mean |  | 22.00 % | 4.00 % | 2.00 % | 90% | 12.00 % | 10.000 % |" in table(rows)
+    equal = score(revealed(HEAVY), true, dict.fromkeys(off, true), 1e-3)
+    assert equal["closed"] is None
+
+
+def test_the_loop_is_closed_once_for_every_case(tmp_path):
+    folder = tmp_path / "trial"
+    (folder / VERDICTS / HEAVY.name).mkdir(parents=True)
+    write_mechanism(folder / VERDICTS / HEAVY.name / "corrected.yaml", true_machine(HEAVY))
+    lines = []
+    (row,) = close_loop([revealed(HEAVY)], folder, LOOP, 1, lines.append)
+    assert set(row["error"]) == set(ESTIMATORS)
+    assert len({tuple(values) for values in row["estimates_m"].values()}) == 4
+    assert sum("training on the" in line for line in lines) == 4
+    lines.clear()
+    assert close_loop([revealed(HEAVY)], folder, LOOP, 1, lines.append) == [row]
+    assert not any("training on the" in line for line in lines)
+    pictures.loop([row]).savefig(tmp_path / "loop.png")
+
+
+def test_a_training_that_fails_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"nominal_B: a training ended with error: .*ghost"):
+        close_loop([revealed(HEAVY)], tmp_path, replace(LOOP, train=("model=ghost",)), 1, lambda _: None)
