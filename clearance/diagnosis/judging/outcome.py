@@ -131,6 +131,15 @@ def diagnose(
     where = summary(errors_fit)
     channels = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > 0.1][:3]
     verdict = verdict_of(explanation, after)
+    missed = lost(after) if verdict not in ("none", "unknown") else []
+    if missed:
+        fit["held_out"]["followed"] = root_mean_square(
+            [
+                errors
+                for errors, follower in zip(judged.errors_after, after.followers, strict=True)
+                if follower.measured.name not in missed
+            ]
+        )
     body, direction = place_of(explanation, after)
     clearance, others = clearance_of(explanation), equivalents(explanation)
     named = (
@@ -187,7 +196,7 @@ def diagnose(
             *(
                 f"{name}: what was held out of it could not be followed to its end, and its errors are in "
                 "the held-out number; other held-out recordings are explained."
-                for name in (lost(after) if verdict not in ("none", "unknown") else [])
+                for name in missed
             ),
             *(
                 [f"Not everything was tried: {search.stopped}."] if search.stopped else []

@@ -41,6 +41,11 @@ def sentences(
             f"It does not help on held-out recordings, where errors are {held['after']:.3g} with it and "
             f"{held['before']:.3g} without (floor 1.00)"
         )
+    if "followed" in held:
+        gain = (
+            f"Where held-out recordings could be followed, errors are {held['followed']:.3g} with it (floor "
+            "1.00); elsewhere its path was lost,"
+        )
     if verdict == "unknown" and not best.hypotheses:
         body, direction = place_of(explanation)
         guess = f" What comes nearest acts on the {body.replace('_', ' ')} ({direction})." if body else ""

@@ -226,14 +226,19 @@ def test_what_the_motion_alone_shows_is_said_to_be_no_more_than_that():
 
 
 @pytest.mark.parametrize(
-    ("after", "expected"), [(1.02, "held-out error falls from 9 to 1.02"), (7e5, "does not help on held-out")]
+    ("after", "expected"),
+    [
+        ({"after": 1.02}, "held-out error falls from 9 to 1.02"),
+        ({"after": 7e5}, "does not help on held-out"),
+        ({"after": 7e5, "followed": 1.01}, "could be followed, errors are 1.01 with it"),
+    ],
 )
 def test_an_error_that_does_not_fall_is_not_said_to_fall(monkeypatch, after, expected):
     known(monkeypatch, lambda _: [Estimate(3e-4, 3e-4, 3e-4)] * 2)
     nominal, table = attempt([], 50.0), attempt(["gravity"], 1.0)
     for one in (nominal, table):
         one.fit.values = np.array([[5e-4, 1.0, 700.0]])
-    fit = {"held_out": {"before": 9.0, "after": after}}
+    fit = {"held_out": {"before": 9.0, **after}}
     told = sentences("physics", Explanation(nominal, [table]), "C", fit, ["slider_vertical"])
     assert expected in told[-1]
 
