@@ -12,7 +12,6 @@ from clearance.commands import command
 from clearance.errors import InputError
 from clearance.evaluation.evaluate import evaluate
 from clearance.models.gauge import Calibration, Gauge
-from clearance.models.neural import NeuralEstimator
 from clearance.models.run_folder import METRICS, RunFolder, environment
 from clearance.whole_files import read_json
 
@@ -30,10 +29,8 @@ def main(cfg: DictConfig) -> float | None:
     metrics = instantiate(cfg.metrics)
     calibration = Calibration(**cfg.calibration)
     if cfg.begin is not None:
-        if not isinstance(estimator, NeuralEstimator):
-            raise InputError(
-                f"begin={cfg.begin}: trees do not go on from others; set begin=null or a network"
-            )
+        if not (Path(cfg.begin) / METRICS).exists():
+            raise InputError(f"begin={cfg.begin}: no finished training there; set begin to the folder of one")
         estimator.begin(Path(cfg.begin))
 
     run = RunFolder.open(Path(cfg.folder), config, cfg.seed, cfg.resume)

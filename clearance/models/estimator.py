@@ -22,6 +22,14 @@ class Estimator(Protocol):
         """Train on the training windows, choosing by the validation windows; return the seconds it took."""
         ...
 
+    def begin(self, folder: Path) -> None:
+        """Let ``fit`` go on from what ``save`` left in the folder of another training.
+
+        Raises:
+            InputError: a model that cannot, or weights of another one.
+        """
+        ...
+
     def predict(self, windows: WindowSet) -> np.ndarray:
         """Scaled clearances (windows,), float64."""
         ...

@@ -101,6 +101,10 @@ class RandomForest:
         """Nodes of all trees."""
         return len(self.trees.value)
 
+    def begin(self, folder: Path) -> None:
+        """Refused: trees do not go on from others."""
+        raise _refusal(folder)
+
     def fit(self, data: WindowData, run: RunFolder) -> float:
         """Grow the trees on the training windows; nothing is chosen on validation windows."""
         windows = data.training_windows()
@@ -159,6 +163,10 @@ class GradientBoosting:
         """Nodes of all trees."""
         return sum(tree.count("\n") for tree in self.model.get_dump())
 
+    def begin(self, folder: Path) -> None:
+        """Refused: trees do not go on from others."""
+        raise _refusal(folder)
+
     def fit(self, data: WindowData, run: RunFolder) -> float:
         """Add the trees one by one; the validation loss of each is logged and chooses nothing."""
         train, validation = data.training_windows(), data.validation_windows()
@@ -198,3 +206,9 @@ class GradientBoosting:
         except (OSError, xgboost.core.XGBoostError) as error:
             reason = str(error).strip().splitlines()[0]
             raise InputError(f"{path}: not an XGBoost model ({reason}); set checkpoint") from error
+
+
+def _refusal(folder: Path) -> InputError:
+    return InputError(
+        f"begin={folder}: trees do not go on from others; set begin=null, or model to a network"
+    )

@@ -65,8 +65,14 @@ class RunFolder:
 
 
 def _task(config: dict[str, Any]) -> dict[str, Any]:
-    """A configuration without what does not change its training."""
-    return {key: value for key, value in config.items() if key not in ("folder", "resume")}
+    """A configuration without what does not change its training; what is null as if it were not there."""
+    return _named({key: value for key, value in config.items() if key not in ("folder", "resume")})
+
+
+def _named(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _named(one) for key, one in value.items() if one is not None}
+    return [_named(one) for one in value] if isinstance(value, list) else value
 
 
 def _differing(one: dict[str, Any], other: dict[str, Any]) -> list[str]:

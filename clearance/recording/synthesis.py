@@ -68,6 +68,7 @@ class Campaign:
         record_start: time of the first recorded sample [s].
         random: path of a number of the machine, such as ``guide_friction.coulomb_force``, to the limits of
             its own uniform draw: physics that nobody knows.
+        random_share: of the runs in which each of them is drawn; in the others it is the machine's own.
     """
 
     mechanism: SliderCrank
@@ -82,6 +83,7 @@ class Campaign:
     duration: float = 3.0
     record_start: float = 2.0
     random: Mapping[str, Sequence[float]] | None = None
+    random_share: float = 1.0
 
     def __post_init__(self) -> None:
         require(self, 1, 10_000_000, whole=True, runs=self.runs)
@@ -97,11 +99,12 @@ class Campaign:
                 raise InputError(
                     f"Campaign.{name} = [{low:g}, {high:g}] falls; change the key that ends in {name!r}"
                 )
+        require(self, 0.0, 1.0, random_share=self.random_share)
         drawn = {path: tuple(pair) for path, pair in (self.random or {}).items()}
         object.__setattr__(self, "random", drawn)
         require_list(self, 2, -1e12, 1e12, **{f"random.{path}": pair for path, pair in drawn.items()})
         for path in drawn:
-            if self._drawn_anyway(path) or not isinstance(read_path(self.mechanism, path), float):
+            if self._drawn_anyway(path) or not _is_number(read_path(self.mechanism, path)):
                 raise InputError(
                     f"Campaign.random.{path} is no number of the machine that may be drawn; change the key "
                     "that ends in 'random'"
@@ -132,6 +135,7 @@ class Campaign:
         described.pop("runs")
         if not self.random:
             described.pop("random")
+            described.pop("random_share")
         return described
 
     def labels(self, runs: Sequence[int]) -> np.ndarray:
@@ -164,10 +168,11 @@ class Campaign:
         """The machine with what is random of it, before clearance and speed."""
         if not self.random:
             return self.mechanism
-        draw = np.random.default_rng([self.seed, run, 2]).uniform(size=len(self.random))
+        draw = np.random.default_rng([self.seed, run, 2]).uniform(size=(len(self.random), 2))
         values = {
-            path: float(low + share * (high - low))
-            for share, (path, (low, high)) in zip(draw, sorted(self.random.items()), strict=True)
+            path: float(low + place * (high - low))
+            for (place, chance), (path, (low, high)) in zip(draw, sorted(self.random.items()), strict=True)
+            if chance < self.random_share
         }
         return with_values(self.mechanism, values)
 
@@ -281,3 +286,7 @@ class Campaign:
     ) -> None:
         machines = [self.machine(run) for run in runs]
         run_batch(machines, self.integrator, self.sampling, sink, workers)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

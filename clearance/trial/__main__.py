@@ -55,7 +55,8 @@ def main(cfg: DictConfig) -> None:
         facts, cases = reveal(folder, sealed)
         if cfg.stage != "loop":
             rows = [score_case(one) for one in cases]
-            _write(folder, facts, rows, None if loop else cfg.results, None if loop else cfg.readme)
+            last = loop is None or cfg.stage == "reveal"
+            _write(folder, facts, rows, cfg.results if last else None, cfg.readme if last else None)
         if loop is not None and cfg.stage != "reveal":
             closed = close_loop(cases, folder, loop, parallel, log.info)
             _write_loop(folder, facts, closed, cfg.results, cfg.readme)

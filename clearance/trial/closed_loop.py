@@ -21,28 +21,32 @@ from clearance.diagnosis.hypotheses.effect import Effect, load_effects
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.description import write_mechanism
-from clearance.mechanism.parameters import TABLE_KNOTS
+from clearance.mechanism.parameters import TABLE_KNOTS, require, require_list
 from clearance.mechanism.slider_crank import SliderCrank
+from clearance.models.gauge import Estimate
 from clearance.models.run_folder import METRICS
 from clearance.predict import estimate_file, load_gauge
+from clearance.provenance import describe
 from clearance.trial.case import Case, Session
-from clearance.trial.examine import VERDICTS
+from clearance.trial.examine import CORRECTED, end
 from clearance.trial.plant import ACCELERATIONS, ExtraForce, write_parquet
 from clearance.trial.reveal import Revealed
 from clearance.trial.score import item_of
-from clearance.whole_files import write_json
+from clearance.whole_files import read_json, write_atomically, write_json
 
 LOOP, RESULT = "loop", "closed_loop.json"
+_PLAN = "plan.json"  # what was asked for
 ESTIMATORS = ("nominal", "corrected", "true", "random")
 _ROOT = Path(__file__).parents[2]
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # multiples of it fill an interval evenly
+_GAP = 0.5  # percent between the nominal and the true simulator: what is closed of less is chance
 _TOUCHING = 2.0  # times a worn bore's amplitude: less clearance would close the gap
 _PLACES = {
     "slider_x": ("slider", "x"), "rod_x": ("rod", "x"), "rod_y": ("rod", "y"),
     "rod_moment": ("rod", "moment"), "crank_torque": ("crank", "torque"), "frame_x": ("frame", "x"),
 }  # fmt: skip
 _RANGES = {
-    "slider_position": (0.07, 0.17), "slider_velocity": (-6.0, 6.0), "rod_angle": (-0.43, 0.43),
+    "slider_position": (0.068, 0.172), "slider_velocity": (-6.0, 6.0), "rod_angle": (-0.43, 0.43),
     "crank_angle": (0.0, 2.0 * np.pi),
 }  # fmt: skip
 
@@ -58,7 +62,8 @@ class Loop:
         seconds: length of each [s].
         label_range: errors are given in percent of it [m].
         train: overrides of every training.
-        corrected: more for one that goes on from the nominal machine's weights.
+        corrected: more for those that go on from the nominal machine's weights, on what was corrected and on
+            what is true.
         random: more for one on random physics; ``{joint}`` and ``{other}`` stand for b and c.
     """
 
@@ -70,6 +75,13 @@ class Loop:
     train: Sequence[str]
     corrected: Sequence[str]
     random: Sequence[str]
+
+    def __post_init__(self) -> None:
+        require(self, 1, 10_000, whole=True, tests=self.tests)
+        require(self, 0.1, 60.0, seconds=self.seconds)
+        require(self, 0.0, 1.0, strict=True, label_range=self.label_range)
+        require_list(self, 2, 0.0, 2e-3, clearance_range=self.clearance_range)
+        require_list(self, 2, 1.0, 2e4, speed_range=self.speed_range)
 
 
 def close_loop(
@@ -87,14 +99,17 @@ def close_loop(
     Returns:
         A row a case: mean absolute errors in percent of ``label_range`` by estimator, and of the diagnosis.
     """
+    machines = [true_machine(one.case) for one in cases]  # one that cannot be trained on is refused at once
     rows = []
-    for one in cases:
+    for one, machine in zip(cases, machines, strict=True):
         case, place = one.case, folder / LOOP / one.case.name
         tests = record(case, place / "tests", loop, parallel)
         report(f"{case.name}: {len(tests)} recordings of a machine with {' and '.join(case.missing)}")
-        runs = _trained(case, folder, loop, report)
-        found = {name: _estimates(run, tests) for name, run in runs.items()}
-        row = score(one, np.array([t for _, t in tests]), found, loop.label_range)
+        runs = _trained(one, machine, folder / LOOP, loop, report)
+        found = {
+            name: [estimate_file(load_gauge(run), path) for path, _ in tests] for name, run in runs.items()
+        }
+        row = score(one, [true for _, true in tests], found, loop)
         write_json(place / RESULT, row)
         rows.append(row)
         errors = ", ".join(f"{name} {row['error'][name]:.2f} %" for name in found)
@@ -106,10 +121,18 @@ def record(case: Case, folder: Path, loop: Loop, parallel: int) -> list[tuple[Pa
     """Recordings of a case's machine with other clearances, noise free, and these clearances [m].
 
     A machine that cannot run with one is left out.
+
+    Raises:
+        InputError: others than these were made there, or no machine runs.
     """
-    low, high = loop.clearance_range
-    worn = case.effects.get("worn_bearing", {}).get("amplitude", 0.0)
-    low = max(low, _TOUCHING * worn)
+    folder.mkdir(parents=True, exist_ok=True)
+    plan, asked = folder / _PLAN, describe([case.to_json(), *_asked(loop)])
+    if plan.exists() and read_json(plan, "folder") != asked:
+        raise InputError(
+            f"{folder} holds recordings of another machine or loop; set folder to another one, or loop back"
+        )
+    write_json(plan, asked)
+    low, high = _clearances(case, loop)
     slow, fast = loop.speed_range
 
     def one(i: int) -> tuple[Path, float] | None:
@@ -119,30 +142,41 @@ def record(case: Case, folder: Path, loop: Loop, parallel: int) -> list[tuple[Pa
             return path, clearance
         speed = slow + (_GOLDEN * (i + 1)) % 1.0 * (fast - slow)
         session = Session(speed_rpm=speed, start_angle=float(i), record_start=0.5, duration=loop.seconds)
-        plant = replace(case, clearance=clearance).plant(session)
         try:
-            table = plant.recording(
-                loop.seconds, session.record_start, ACCELERATIONS, noise=0.0, start_angle=session.start_angle,
-                start_speed_rpm=speed,
+            table = replace(case, clearance=clearance).plant(session).recording(
+                loop.seconds, session.record_start, ACCELERATIONS, noise=0.0,
+                start_angle=session.start_angle, start_speed_rpm=speed,
             )  # fmt: skip
         except FloatingPointError:
             return None
-        folder.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_suffix(".part")
-        write_parquet(table, temporary)
-        temporary.replace(path)
+        write_atomically(path, lambda file: write_parquet(table, file))
         return path, clearance
 
     with ThreadPoolExecutor(parallel) as pool:
-        return [found for found in pool.map(one, range(loop.tests)) if found is not None]
+        found = [made for made in pool.map(one, range(loop.tests)) if made is not None]
+    if not found:
+        raise InputError(f"{case.name}: no machine of {loop.tests} could run; change loop.clearance_range")
+    return found
+
+
+def _asked(loop: Loop) -> list[Any]:
+    return [loop.tests, list(loop.clearance_range), list(loop.speed_range), loop.seconds]
+
+
+def _clearances(case: Case, loop: Loop) -> tuple[float, float]:
+    """Limits [m] of the clearances at which a case is read: a worn bore must not close."""
+    worn = case.effects.get("worn_bearing", {}).get("amplitude", 0.0)
+    return max(loop.clearance_range[0], _TOUCHING * worn), loop.clearance_range[1]
 
 
 def true_machine(case: Case) -> SliderCrank:
     """The simulator's machine with what is true of a case; a force without a name as a fine table.
 
     Raises:
-        InputError: a force over time, which no machine of a training shares.
+        InputError: a force over time, which no machine of a training shares, or a frame known to move.
     """
+    if case.known_frame:
+        raise InputError(f"{case.name} stands on a frame of its own; set scope.known_frame to 0")
     joint = f"joint_{case.joint.lower()}"
     machine = SliderCrank()
     machine = replace(machine, **{joint: replace(getattr(machine, joint), clearance=case.clearance)})
@@ -177,83 +211,96 @@ def _table(force: Mapping[str, Any]) -> TabulatedForce:
     )  # fmt: skip
 
 
-def _trained(case: Case, folder: Path, loop: Loop, report: Callable[[str], None]) -> dict[str, Path]:
+def _trained(
+    one: Revealed, true: SliderCrank, folder: Path, loop: Loop, report: Callable[[str], None]
+) -> dict[str, Path]:
     """The folder of each estimator's training; what is not there is trained."""
-    shared, own = folder / LOOP, folder / LOOP / case.name
-    joint = f"joint={case.joint}"
-    names = {"joint": case.joint.lower(), "other": "c" if case.joint == "B" else "b"}
-    nominal = shared / f"nominal_{case.joint}"
-    own.mkdir(parents=True, exist_ok=True)
-    truth = own / "truth.yaml"
-    write_mechanism(truth, true_machine(case), "what was true of the case")
-    corrected = (folder / VERDICTS / case.name / "corrected.yaml").resolve()
+    case, own, nominal = one.case, folder / one.case.name, folder / f"nominal_{one.case.joint}"
+    truth, corrected = own / "truth.yaml", own / CORRECTED
+    write_atomically(truth, lambda file: write_mechanism(file, true, "what was true of the case"))
+    low, high = _clearances(case, loop)
+    on = [f"begin='{nominal.resolve()}'", f"campaign.clearance_range=[{low},{high}]", *loop.corrected]
+    names = {"{joint}": case.joint.lower(), "{other}": "c" if case.joint == "B" else "b"}
     plans = {
-        "nominal": (nominal, []),
-        "corrected": (
-            own / "corrected", [f"mechanism={corrected}", f"begin={nominal.resolve()}", *loop.corrected],
-        ),
-        "true": (own / "true", [f"mechanism={truth.resolve()}"]),
-        "random": (
-            shared / f"random_{case.joint}",
-            [o.replace("{joint}", names["joint"]).replace("{other}", names["other"]) for o in loop.random],
-        ),
-    }  # fmt: skip
-    if not corrected.exists():  # no verdict: nothing was corrected
+        "nominal": (nominal, list[str]()),
+        "corrected": (own / "corrected", [f"mechanism={corrected.resolve()}", *on]),
+        "true": (own / "true", [f"mechanism={truth.resolve()}", *on]),
+        "random": (folder / f"random_{case.joint}", [_filled(override, names) for override in loop.random]),
+    }
+    if one.corrected is None:  # no verdict: nothing was corrected
         plans["corrected"] = plans["nominal"]
+    else:
+        text = one.corrected
+        write_atomically(corrected, lambda file: file.write_text(text, encoding="utf-8"))
     for name, (place, more) in plans.items():
-        if not (place / METRICS).exists():
+        overrides = [f"joint={case.joint}", *loop.train, *more]
+        if not (place / METRICS).exists() or read_json(place / _PLAN, "folder") != overrides:
             report(f"{case.name}: training on the {name} simulator")
-            _train(place, [joint, *loop.train, *more])
+            _train(place, overrides)
     return {name: place for name, (place, _) in plans.items()}
 
 
+def _filled(text: str, names: Mapping[str, str]) -> str:
+    for name, value in names.items():
+        text = text.replace(name, value)
+    return text
+
+
 def _train(place: Path, overrides: Sequence[str]) -> None:
+    """Train in a process of its own, which ends with this one."""
     place.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "clearance.train", *overrides, f"hydra.run.dir='{place.resolve()}'"]
     paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     log = place / "output.txt"
     with log.open("wb") as out:
-        code = subprocess.call(
-            command, stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
+        process = subprocess.Popen(
+            command, stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
         )  # fmt: skip
+        try:
+            code = process.wait()
+        finally:
+            end(process)
     if code != 0:
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        raise InputError(f"{place}: a training ended with {lines[-1][:300] if lines else code}; see {log}")
-
-
-def _estimates(run: Path, tests: Sequence[tuple[Path, float]]) -> np.ndarray:
-    gauge = load_gauge(run)
-    return np.array([estimate_file(gauge, path).clearance_m for path, _ in tests])
+        raise InputError(
+            f"{place}: a training ended with exit code {code}: {lines[-1][:300] if lines else 'no output'}; "
+            f"see {log}; change loop.train, loop.corrected or loop.random"
+        )
+    write_json(place / _PLAN, list(overrides))
 
 
 def score(
-    one: Revealed, true: np.ndarray, found: Mapping[str, np.ndarray], label_range: float
+    one: Revealed, true: Sequence[float], found: Mapping[str, Sequence[Estimate]], loop: Loop
 ) -> dict[str, Any]:
     """One row: errors in percent of the range, and the share of the gap to the floor that was closed."""
     case, said = one.case, one.diagnosis
-    error = {name: float(100.0 * np.abs(v - true).mean() / label_range) for name, v in found.items()}
-    gap = error["nominal"] - error["true"]
+    read = {name: np.array([e.clearance_m for e in each]) for name, each in found.items()}
+    error = {name: float(100.0 * np.abs(v - true).mean() / loop.label_range) for name, v in read.items()}
     own = said["clearance"]["after_m"] if said else None
     return {
         "name": case.name, "item": item_of(case), "size": case.size, "joint": case.joint,
-        "clearance_m": case.clearance, "verdict": said["verdict"] if said else one.failure,
+        "clearance_m": case.clearance, "verdict": said["verdict"] if said else "no verdict",
         "named": [effect["name"] for effect in said["effects"]] if said else [],
-        "error": error,
-        "closed": (error["nominal"] - error["corrected"]) / gap if gap > 0.0 else None,
-        "diagnosis_error": None if own is None else 100.0 * abs(own - case.clearance) / label_range,
-        "true_m": true.tolist(), "estimates_m": {name: v.tolist() for name, v in found.items()},
+        "left_out": loop.tests - len(true), "error": error, "closed": _closed(error, "corrected"),
+        "diagnosis_error": None if own is None else 100.0 * abs(own - case.clearance) / loop.label_range,
+        "trusted": {name: float(np.mean([e.trusted for e in each])) for name, each in found.items()},
+        "true_m": list(true), "estimates_m": {name: v.tolist() for name, v in read.items()},
     }  # fmt: skip
 
 
+def _closed(error: Mapping[str, float], name: str) -> float | None:
+    """Share of the gap between the nominal and the true simulator; ``None`` where there is hardly one."""
+    gap = error["nominal"] - error["true"]
+    return (error["nominal"] - error[name]) / gap if gap > _GAP else None
+
+
 def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Mean errors over all cases, and the share of the whole gap that was closed."""
-    mean = {name: float(np.mean([row["error"][name] for row in rows])) for name in ESTIMATORS}
-    gap = mean["nominal"] - mean["true"]
+    """Mean errors over all cases, and the share of the mean gap that was closed."""
+    error = {name: float(np.mean([row["error"][name] for row in rows])) for name in ESTIMATORS}
     return {
-        "cases": len(rows), "error": mean,
-        "closed": (mean["nominal"] - mean["corrected"]) / gap if gap > 0.0 else None,
-        "closed_by_random": (mean["nominal"] - mean["random"]) / gap if gap > 0.0 else None,
+        "cases": len(rows), "error": error, "closed": _closed(error, "corrected"),
+        "closed_by_random": _closed(error, "random"),
     }  # fmt: skip
 
 
@@ -268,7 +315,8 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
         said = ", ".join(row["named"]) or row["verdict"]
         lines.append(_line(f"{row['item']}, joint {row['joint']}", said, row, row["diagnosis_error"]))
     own = [row["diagnosis_error"] for row in rows if row["diagnosis_error"] is not None]
-    lines.append(_line("mean", "", summarise(rows), float(np.mean(own)) if own else None))
+    label = "mean" if len(own) == len(rows) else f"mean (the diagnosis: of {len(own)})"
+    lines.append(_line(label, "", summarise(rows), float(np.mean(own)) if own else None))
     return "\n".join(lines) + "\n"
 
 

@@ -41,7 +41,7 @@ def conceal(
         raise InputError(f"sealed = {sealed} lies inside folder = {folder}; set sealed to a folder elsewhere")
     if (folder / COMMITMENT).exists():
         done: dict[str, Any] = read_json(folder / COMMITMENT, "folder")
-        if done["scope"] != _plain(scope):
+        if _whole(done["scope"]) != _plain(scope):
             raise InputError(
                 f"folder = {folder} holds a trial that was drawn otherwise; choose another folder"
             )
@@ -74,6 +74,11 @@ def _plain(scope: Scope) -> Any:
     return json.loads(json.dumps(describe(scope)))
 
 
+def _whole(stored: Any) -> Any:
+    """A stored scope, perhaps of an older version, with what it did not know of yet as it was."""
+    return {**_plain(Scope()), **stored}
+
+
 def _plan(scope: Scope, seed: int | None, sealed: Path) -> int:
     """The seed, kept beside the truth so that an interrupted concealment goes on with the same cases."""
     sealed.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -82,7 +87,7 @@ def _plan(scope: Scope, seed: int | None, sealed: Path) -> int:
     if not path.exists():
         write_private(path, {"seed": secrets.randbits(63) if seed is None else seed, "scope": _plain(scope)})
     plan = read_json(path, "sealed")
-    if plan["scope"] != _plain(scope) or seed not in (None, plan["seed"]):
+    if _whole(plan["scope"]) != _plain(scope) or seed not in (None, plan["seed"]):
         raise InputError(
             f"sealed = {sealed} holds the truth of a trial drawn otherwise; choose another sealed"
         )

@@ -17,6 +17,7 @@ from clearance.trial.conceal import CASE, CASES, names_of
 from clearance.whole_files import read_json, write_json
 
 VERDICTS, VERDICT = "verdicts", "verdict.json"
+CORRECTED = "corrected.yaml"
 _DIAGNOSIS = "diagnosis.json"
 _LOG = "output.txt"
 _ROOT = Path(__file__).parents[2]
@@ -62,7 +63,7 @@ class Examiner:
             stopped.set()  # what is ended here has failed at nothing, and is asked again another time
             pool.shutdown(wait=False, cancel_futures=True)
             for process in list(running):
-                _end(process)
+                end(process)
 
     def _done(self, place: Path) -> bool:
         if not (place / VERDICT).exists():
@@ -87,7 +88,7 @@ class Examiner:
     ) -> None:  # fmt: skip
         place = folder / VERDICTS / name
         place.mkdir(parents=True, exist_ok=True)
-        for outdated in (VERDICT, _DIAGNOSIS):
+        for outdated in (VERDICT, _DIAGNOSIS, CORRECTED):
             (place / outdated).unlink(missing_ok=True)
         began = time.monotonic()
         with (place / _LOG).open("wb") as log:
@@ -102,13 +103,18 @@ class Examiner:
         except subprocess.TimeoutExpired:
             failure, diagnosis = f"no verdict within {self.time_limit:g} s", None
         finally:
-            _end(process)
+            end(process)
             running.discard(process)
         if stopped.is_set():
             return
         seconds = round(time.monotonic() - began, 1)
         # A copy, whole in one file: what a process of an earlier, killed trial still writes cannot change it.
-        write_json(place / VERDICT, {"seconds": seconds, "failure": failure, "diagnosis": diagnosis})
+        machine = place / CORRECTED
+        corrected = machine.read_text(encoding="utf-8") if diagnosis and machine.exists() else None
+        write_json(
+            place / VERDICT,
+            {"seconds": seconds, "failure": failure, "diagnosis": diagnosis, "corrected": corrected},
+        )
         report(f"{name}: {diagnosis['verdict'] if diagnosis else failure} ({seconds:.0f} s)")
 
 
@@ -126,7 +132,7 @@ def _answer(code: int, place: Path) -> tuple[str | None, dict[str, Any] | None]:
     return None, content
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
+def end(process: subprocess.Popen[bytes]) -> None:
     """End a process and what it started; nothing happens where it has ended."""
     if process.poll() is None:
         os.killpg(process.pid, signal.SIGKILL)

@@ -25,6 +25,7 @@ class Revealed:
         diagnosis: what the tool said, or ``None`` where it failed.
         seconds: that it took.
         failure: why there is no diagnosis, or ``None``.
+        corrected: the machine that the tool handed on, as a configuration, or ``None``.
     """
 
     case: Case
@@ -32,6 +33,7 @@ class Revealed:
     diagnosis: dict[str, Any] | None
     seconds: float
     failure: str | None
+    corrected: str | None = None
 
 
 def commit_verdicts(folder: Path) -> str:

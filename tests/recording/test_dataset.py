@@ -69,6 +69,8 @@ def test_physics_that_nobody_knows_is_drawn_for_each_run(whole):
     assert drawn.machine(4) == machines[4]
     np.testing.assert_array_equal(drawn.labels(range(20))[:, 0], [m.joint_b.clearance for m in machines])
     assert [m.joint_c.clearance for m in machines] == whole.labels["clearance_c"].tolist()
+    some = [replace(drawn, random_share=0.3).machine(run).gravity[1] for run in range(200)]
+    assert 0.6 < some.count(0.0) / 200 < 0.8
     assert drawn.fingerprint != SMALL.fingerprint == replace(SMALL, random={}).fingerprint
 
 

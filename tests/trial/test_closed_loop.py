@@ -5,15 +5,22 @@ from math import pi
 
 import numpy as np
 import pytest
+import yaml
+from hydra import compose, initialize_config_dir
+from hydra.utils import instantiate
 
+from clearance.configuration import CONFIGURATION
 from clearance.errors import InputError
+from clearance.mechanism.applied_force import shares
 from clearance.mechanism.description import read_path, write_mechanism
 from clearance.mechanism.slider_crank import SliderCrank
+from clearance.models.gauge import Estimate
 from clearance.trial import pictures
 from clearance.trial.case import Case, Session
 from clearance.trial.closed_loop import (
     ESTIMATORS,
     Loop,
+    _filled,
     close_loop,
     record,
     score,
@@ -21,8 +28,10 @@ from clearance.trial.closed_loop import (
     table,
     true_machine,
 )
+from clearance.trial.closed_loop import (
+    LOOP as LOOP_FOLDER,
+)
 from clearance.trial.draw import Drawing, Scope
-from clearance.trial.examine import VERDICTS
 from clearance.trial.plant import ExtraForce
 from clearance.trial.reveal import Revealed
 from tests.trial.tool import verdict
@@ -67,14 +76,16 @@ def test_a_force_without_a_name_is_a_fine_table():
     }  # fmt: skip
     law = true_machine(replace(NULL, kind="outside", force=force)).force
     assert (law.body, law.direction, law.argument) == ("slider", "x", "slider_position")
-    knots = law.start + law.spacing * np.arange(len(law.values))
-    expected = ExtraForce(**{key: value for key, value in force.items() if key != "of"}).value(knots)
-    np.testing.assert_allclose(law.values, expected)
-    assert max(law.values) > 8.5
+    places = np.linspace(0.07, 0.171, 200)
+    expected = ExtraForce(**{key: value for key, value in force.items() if key != "of"}).value(places)
+    found = shares((places - law.start) / law.spacing, len(law.values), False, "cubic") @ law.values
+    assert np.abs(found - expected).max() < 0.02 * 9.0
     turning = {**force, "target": "crank_torque", "argument": "crank_angle", "width": 2 * pi}
     assert true_machine(replace(NULL, force=turning)).force.spacing is None
     with pytest.raises(InputError, match="force over time cannot be trained on"):
         true_machine(replace(NULL, force={**force, "argument": "time"}))
+    with pytest.raises(InputError, match=r"scope\.known_frame"):
+        true_machine(replace(NULL, known_frame=True))
 
 
 def test_a_scope_may_name_what_is_missing_and_how_much():
@@ -97,49 +108,86 @@ def test_a_worn_bore_is_not_closed_and_recordings_are_made_once(tmp_path):
     before = [path.stat().st_mtime_ns for path, _ in made]
     assert record(worn, tmp_path, LOOP, 1) == made
     assert [path.stat().st_mtime_ns for path, _ in made] == before
+    for other, loop in ((worn, replace(LOOP, tests=4)), (replace(worn, joint="C"), LOOP)):
+        with pytest.raises(InputError, match="another machine or loop"):
+            record(other, tmp_path, loop, 1)
 
 
 HEAVY = replace(NULL, effects={"gravity": {"gravity_y": -9.81}})
 
 
-def revealed(case, clearance=3e-4):
+def revealed(case, clearance=3e-4, corrected=None):
     said = verdict("physics", [{"name": "gravity", "kind": "physics", "parameters": {}}], clearance)
-    return Revealed(case, {}, said, 10.0, None)
+    return Revealed(case, {}, said, 10.0, None, corrected)
+
+
+def read(values):
+    return [Estimate(float(v), 0.0, 1e-3, 0.0, 1, v > 2e-4, "") for v in values]
 
 
 def test_the_share_of_the_gap_to_the_floor_is_what_was_closed():
     true = np.array([1e-4, 5e-4])
     off = {"nominal": 1.1e-4, "corrected": 2e-5, "true": 1e-5, "random": 6e-5}
+    loop = replace(LOOP, tests=3)
     rows = [
-        score(revealed(HEAVY), true, {name: true + error for name, error in off.items()}, 1e-3),
-        score(revealed(HEAVY), true, {name: true - 3 * error for name, error in off.items()}, 1e-3),
+        score(revealed(HEAVY), true, {name: read(true + share * e) for name, e in off.items()}, loop)
+        for share in (1, -3)
     ]
     assert rows[0]["error"] == pytest.approx({"nominal": 11, "corrected": 2, "true": 1, "random": 6})
     assert rows[0]["closed"] == pytest.approx(0.9)
     assert rows[0]["diagnosis_error"] == pytest.approx(10.0)
+    assert rows[0]["trusted"] == {"nominal": 1.0, "corrected": 0.5, "true": 0.5, "random": 0.5}
+    assert rows[0]["left_out"] == 1
     total = summarise(rows)
     assert total["error"]["nominal"] == pytest.approx(22.0)
     assert (total["closed"], total["closed_by_random"]) == pytest.approx((0.9, 0.5))
     assert "| mean |  | 22.00 % | 4.00 % | 2.00 % | 90% | 12.00 % | 10.000 % |" in table(rows)
-    equal = score(revealed(HEAVY), true, dict.fromkeys(off, true), 1e-3)
+    equal = score(revealed(HEAVY), true, dict.fromkeys(off, read(true + 1e-6)), LOOP)
     assert equal["closed"] is None
+    failed = replace(revealed(HEAVY), diagnosis=None, failure="exit | code")
+    rows.append(score(failed, true, dict.fromkeys(off, read(true)), loop))
+    assert "| gravity, joint B | no verdict |" in table(rows)
+    assert "| mean (the diagnosis: of 2) |" in table(rows)
 
 
 def test_the_loop_is_closed_once_for_every_case(tmp_path):
-    folder = tmp_path / "trial"
-    (folder / VERDICTS / HEAVY.name).mkdir(parents=True)
-    write_mechanism(folder / VERDICTS / HEAVY.name / "corrected.yaml", true_machine(HEAVY))
+    write_mechanism(tmp_path / "said.yaml", replace(true_machine(HEAVY), gravity=(0.0, -9.5)))
+    one = revealed(HEAVY, corrected=(tmp_path / "said.yaml").read_text())
     lines = []
-    (row,) = close_loop([revealed(HEAVY)], folder, LOOP, 1, lines.append)
+    (row,) = close_loop([one], tmp_path, LOOP, 1, lines.append)
     assert set(row["error"]) == set(ESTIMATORS)
     assert len({tuple(values) for values in row["estimates_m"].values()}) == 4
     assert sum("training on the" in line for line in lines) == 4
     lines.clear()
-    assert close_loop([revealed(HEAVY)], folder, LOOP, 1, lines.append) == [row]
+    assert close_loop([one], tmp_path, LOOP, 1, lines.append) == [row]
     assert not any("training on the" in line for line in lines)
     pictures.loop([row]).savefig(tmp_path / "loop.png")
+    loop = tmp_path / LOOP_FOLDER
+    for place, gravity, begin in (
+        ("nominal_B", 0.0, None), (f"{HEAVY.name}/corrected", -9.5, "nominal_B"),
+        (f"{HEAVY.name}/true", -9.81, "nominal_B"), ("random_B", 0.0, None),
+    ):  # fmt: skip
+        config = yaml.safe_load((loop / place / "config.yaml").read_text())
+        assert config["campaign"]["mechanism"]["gravity"] == [0.0, gravity], place
+        assert (config["begin"] and config["begin"].split("/")[-1]) == begin, place
+        assert bool(config["campaign"]["random"]) == (place == "random_B")
 
 
 def test_a_training_that_fails_is_told(tmp_path):
-    with pytest.raises(InputError, match=r"nominal_B: a training ended with error: .*ghost"):
-        close_loop([revealed(HEAVY)], tmp_path, replace(LOOP, train=("model=ghost",)), 1, lambda _: None)
+    wrong = replace(LOOP, train=("model=ghost",))
+    with pytest.raises(InputError, match=r"nominal_B: a training ended with exit code 2: error: .*ghost"):
+        close_loop([revealed(HEAVY)], tmp_path, wrong, 1, lambda _: None)
+
+
+@pytest.mark.parametrize("joint", ["b", "c"])
+def test_the_trainings_of_the_experiment_are_understood(joint):
+    names = {"{joint}": joint, "{other}": "c" if joint == "b" else "b"}
+    with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
+        loop = instantiate(compose("trial", ["experiment=closed_loop"]).loop, _convert_="all")
+        for more in (loop.corrected, loop.random):
+            chosen = [f"joint={joint.upper()}", *loop.train, *(_filled(one, names) for one in more)]
+            campaign = instantiate(compose("train", chosen).campaign, _convert_="all")
+            machines = [campaign.machine(run) for run in range(12)]
+            assert (len({machine.gravity for machine in machines}) > 1) == (more == loop.random)
+            other = getattr(machines[0], f"joint_{names['{other}']}")
+            assert (other.film.damping if more == loop.random else 0.0) == 0.0
