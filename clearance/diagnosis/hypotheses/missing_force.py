@@ -33,6 +33,7 @@ _HALF = 0.5  # of a force's robust square: what leaves more of it is no function
 _CERTAIN, _STRONG = 0.1, 0.9  # of its size: no force is known better; quantile that tells this size
 _TAILS = 0.005  # of the argument's values to each side that the curve does not reach
 _FRICTION = 0.3  # of a contact's force: what may act beside it
+_PRESSED = 100.0  # N, the second knot of a table over the force of a contact
 _LINE = 2  # knots over a contact's force, far beyond which impacts are: nothing holds the bends of more
 KNOTS = 12
 """Of a curve that nobody has refined."""
@@ -300,6 +301,24 @@ def resisting(joint: str, size: float) -> Curve:
     knots = np.linspace(0.0, CLOSEST, KNOTS)
     none = np.zeros(KNOTS)
     return Curve(f"joint_{joint.lower()}", DAMPING, "closeness", knots, size * np.exp(knots), none, 0.0, 0.0)
+
+
+def rubbing(joint: str, coefficient: float) -> Curve:
+    """What hinders the surfaces of joint B or C from sliding, by how hard they press.
+
+    Begun as friction with a coefficient; it goes on straight where they press harder.
+    """
+    knots = np.array([0.0, _PRESSED])
+    return Curve(
+        f"joint_{joint.lower()}",
+        "tangential",
+        "contact_force",
+        knots,
+        coefficient * knots,
+        np.zeros(2),
+        0.0,
+        0.0,
+    )
 
 
 def along(curve: Curve, values: np.ndarray) -> np.ndarray:

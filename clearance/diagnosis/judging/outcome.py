@@ -44,7 +44,7 @@ from clearance.diagnosis.searching.strategy import find_explanation
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.diagnosis.shooting.follow import alike
 from clearance.diagnosis.shooting.model import Model, Unknown
-from clearance.mechanism.applied_force import TabulatedForce
+from clearance.mechanism.applied_force import NoForce, TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
 
 METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
@@ -297,10 +297,11 @@ def _held_out(
 
     only_speed = Model(
         (Unknown("speed", 1e-3, own=True),),
-        lambda v: model.machine(whole(v)),
+        lambda v: _elsewhere(model.machine(whole(v))),
         lambda v: model.instrument(whole(v)),
     )
-    machine, instrument = model.machine(attempt.fit.values[0]), model.instrument(attempt.fit.values[0])
+    own, instrument = model.machine(attempt.fit.values[0]), model.instrument(attempt.fit.values[0])
+    machine = _elsewhere(own)
     found: Attempt | None
     if beside is not None and alike(machine, beside.model.machine(beside.fit.values[0])):
         speeds = beside.fit.values[:, -1:]
@@ -315,7 +316,7 @@ def _held_out(
             traces = list(pool.map(one, held_out))
         values = np.array([[trace.speed] for trace in traces])
         # what explains its own recordings is looked for with patience in others, unless it is theirs alone
-        right = explained(attempt) and not _passing(machine)
+        right = explained(attempt) and not _passing(own)
         found = None
         if right and any(h.name == LOOSE_GUIDE for h in attempt.hypotheses):
             found = go_on(attempt, traces, only_speed, search.workers)
@@ -334,6 +335,11 @@ def _held_out(
         [np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1
     )
     return found
+
+
+def _elsewhere(machine: SliderCrank) -> SliderCrank:
+    """The machine in another recording: a force over the time of one says nothing of others, and is off."""
+    return replace(machine, force=NoForce()) if _passing(machine) else machine
 
 
 def _passing(machine: SliderCrank) -> bool:

@@ -13,6 +13,7 @@ force of the contact by so much that the motion's forces are not known any more.
 Reference: Lanczos 1970, The Variational Principles of Mechanics, ch. IV.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import pi
 
@@ -88,16 +89,7 @@ def suggest_forces(
     if before < _QUIET:
         return Suggested([], balanced=True)
     singles = _singles(search, balance, machine)
-    pairs, clear = [], []
-    for first in [one for one in singles if one.cost < _PROMISING * before][:_FIRST]:
-        for other in singles:
-            if other.hypotheses[0].name == first.hypotheses[0].name:
-                continue
-            pair = balance.together(first, other)
-            if pair is not None:
-                pairs.append(pair)
-            if pair is not None and pair.cost < _BOTH * min(first.cost, other.cost):
-                clear.append(pair)
+    pairs, clear = _pairs(balance, singles, _PROMISING * before)
     found = [one for one in [*singles, *clear] if one.cost < (1.0 - _TAKEN * one.sizes) * before]
     if not named:
         found += balance.tables(_FREE * before)
@@ -118,7 +110,7 @@ def suggest_forces(
 
 
 def suggest_names(search: Search, machine: SliderCrank, clearance: float) -> list[Balanced]:
-    """Effects that would turn the crank as a machine's force of free form does, the likeliest first.
+    """Effects, or two, that would turn the crank as a machine's force of free form does, the likeliest first.
 
     Beside the path of a table a linear look knows no way to where a load begins and ends.
 
@@ -134,7 +126,9 @@ def suggest_names(search: Search, machine: SliderCrank, clearance: float) -> lis
     balance = Balance(search, search.setting, nominal, clearance)
     balance.imitate(machine)
     before = balance.fit((), np.zeros(0)).cost
-    alike = [one for one in _singles(search, balance, nominal) if one.cost < _ALIKE * before]
+    singles = _singles(search, balance, nominal)
+    _, both = _pairs(balance, singles, _PROMISING * before)
+    alike = [one for one in [*singles, *both] if one.cost < _ALIKE * before]
     return sorted(alike, key=lambda one: one.price)
 
 
@@ -147,6 +141,23 @@ def _singles(search: Search, balance: Balance, machine: SliderCrank) -> list[Bal
     ]
     found = [one for group in groups if (one := balance.best(group)) is not None]
     return sorted(found, key=lambda one: one.cost)
+
+
+def _pairs(
+    balance: Balance, singles: Sequence[Balanced], most: float
+) -> tuple[list[Balanced], list[Balanced]]:
+    """The best that leave less than ``most``, each with every other; and those that are clearly two."""
+    pairs, clear = [], []
+    for first in [one for one in singles if one.cost < most][:_FIRST]:
+        for other in singles:
+            if other.hypotheses[0].name == first.hypotheses[0].name:
+                continue
+            pair = balance.together(first, other)
+            if pair is not None:
+                pairs.append(pair)
+            if pair is not None and pair.cost < _BOTH * min(first.cost, other.cost):
+                clear.append(pair)
+    return pairs, clear
 
 
 def settle_in(search: Search, setting: Setting, one: Balanced) -> Balanced:

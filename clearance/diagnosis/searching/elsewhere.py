@@ -8,7 +8,7 @@ import numpy as np
 from clearance.diagnosis.following.attempt import EXPLAINED, POOR, Attempt, explained
 from clearance.diagnosis.following.growth import Followed, grow
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
-from clearance.diagnosis.hypotheses.missing_force import free_form, resisting
+from clearance.diagnosis.hypotheses.missing_force import free_form, resisting, rubbing
 from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.searching.everywhere import astray, fit_everywhere, start_with
 from clearance.diagnosis.searching.explanation import Explanation
@@ -27,9 +27,10 @@ _SUREST = 3  # effects that a linear look is sure of
 _ELSEWHERE = (DRIVE, "second_clearance", "rod_flexibility", "flexible_base", LOOSE_GUIDE)
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
 _OUTSIDE = ("crank", "rod", "slider")  # what acts there does work
-_FILM, _FRAME = "joint_lubrication", "flexible_base"
-_INSIDE = ("joint_friction", "contact_stiffness", "restitution")
+_FILM, _FRICTION, _FRAME = "joint_lubrication", "joint_friction", "flexible_base"
+_INSIDE = (_FRICTION, "contact_stiffness", "restitution")
 _RESISTING = (1.0, 0.2, 5.0)  # N s/m in the middle of the gap, from which a table of resistance begins
+_RUBBING = (0.1, 0.25, 0.03)  # coefficients from which a table of friction begins
 _EDGED = "process_load"  # at one place of many: a size alone says nothing
 
 
@@ -125,8 +126,8 @@ def begin_inside(search: Search, explanation: Explanation) -> None:
     """Fit what acts inside the joint from plausible sizes, where the nominal machine does not explain.
 
     Beside a path that is not right yet a linear look at impacts tells little of these: a film shows as a gap
-    that is too small, and friction of 0.09 as one of 0.016, from where no way leads on. Where films are not
-    among the hypotheses, a resistance of free form is tried.
+    that is too small, and friction of 0.09 as one of 0.016, from where no way leads on. Where films or
+    friction are not among the hypotheses, a resistance of free form is tried in their place.
     """
     nominal, shown, joint = explanation.nominal, search.profile.best, search.setting.joint
     if explained(nominal):
@@ -135,6 +136,8 @@ def begin_inside(search: Search, explanation: Explanation) -> None:
     groups = [[g[0]] for g in search.others(nominal) if g[0].name in _INSIDE and _of_one_size(g[0])]
     films = [g for g in search.groups.values() if g[0].name == _FILM]
     tables = [] if films else [[free_form(resisting(joint, size), joint) for size in _RESISTING]]
+    if all(g[0].name != _FRICTION for g in search.groups.values()):
+        tables.append([free_form(rubbing(joint, size), joint) for size in _RUBBING])
     _try_out(search, explanation, nominal, [*films, *tables, *groups], clearance)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from clearance.diagnosis.judging import outcome
 from clearance.diagnosis.judging.mismatch import Innovations
-from clearance.diagnosis.judging.outcome import _judge, _passing
+from clearance.diagnosis.judging.outcome import _elsewhere, _judge, _passing
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
@@ -23,7 +23,9 @@ from tests.diagnosis.judging.test_verdict import attempt
     ],
 )
 def test_only_a_force_over_one_recordings_time_says_nothing_of_another(table, expected):
-    assert _passing(SliderCrank(force=TabulatedForce(values=(1.0, 2.0, 3.0), **table))) == expected
+    machine = SliderCrank(force=TabulatedForce(values=(1.0, 2.0, 3.0), **table))
+    assert _passing(machine) == expected
+    assert _elsewhere(machine) == (SliderCrank() if expected else machine)
 
 
 def test_a_machine_without_a_table_is_looked_for_in_every_recording():

@@ -119,6 +119,21 @@ def test_a_table_is_known_for_the_load_that_it_is():
     np.testing.assert_allclose(likeliest.values, [9.0, 0.1, 0.14], rtol=0.06)
 
 
+def test_a_table_is_known_for_the_two_loads_that_it_is():
+    machine = SETTING.with_clearance(3e-4)
+    place = np.linspace(0.06, 0.172, 12)
+    force = -258.0 * (place - 0.1117) - np.where((place > 0.104) & (place < 0.156), 8.7, 0.0)
+    law = TabulatedForce("slider", "x", "slider_position", 0.06, place[1] - place[0], tuple(force))
+    both = suggest_names(traced(NOMINAL), replace(machine, force=law), 3e-4)[0]
+    values = {
+        unknown.name: value
+        for unknown, value in zip((u for h in both.hypotheses for u in h.unknowns), both.values, strict=True)
+    }
+    assert {h.name for h in both.hypotheses} == {"slider_spring", "process_load"}
+    assert values["stiffness"] == pytest.approx(258.0, rel=0.1)
+    assert values["force"] == pytest.approx(8.7, rel=0.1)
+
+
 @pytest.mark.slow
 def test_two_forces_at_once():
     both = replace(NOMINAL, spring=LinearSpring(400.0, 0.11), ripple=TorqueRipple(1.5, 3.0, 0.7))

@@ -7,16 +7,19 @@ import pytest
 
 from clearance.diagnosis.hypotheses.effect import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
+from clearance.diagnosis.hypotheses.missing_force import along, free_form, rubbing, unnamed
 from clearance.diagnosis.searching import elsewhere
 from clearance.diagnosis.searching.elsewhere import (
     _again,
     _of_other_sizes,
     _Tried,
     _try_out,
+    begin_inside,
     begin_plausible,
     begin_sure,
 )
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.judging.test_verdict import attempt
 
@@ -66,6 +69,41 @@ def test_what_is_missing_inside_a_joint_is_not_looked_for_outside(monkeypatch):
     for balanced in (False, True):
         begin_plausible(search, Explanation(nominal, balanced=balanced), nominal)
     assert asked == [{"guide_friction", "soft_drive", "worn_bearing"}, {"worn_bearing"}]
+
+
+@pytest.mark.parametrize(
+    ("effects", "tables"),
+    [
+        (["joint_lubrication", "joint_friction", "restitution"], set()),
+        (["joint_lubrication", "restitution"], {"tangential"}),
+        (["joint_friction"], {"damping"}),
+        (["gravity"], {"damping", "tangential"}),
+    ],
+)
+def test_what_resists_in_a_joint_and_has_no_name_is_tried_from_plausible_tables(monkeypatch, effects, tables):
+    asked = []
+    monkeypatch.setattr(elsewhere, "_try_out", lambda *of: asked.extend(of[3]))
+    setting = Setting(SliderCrank(), "C")
+    groups = gather(load_effects(effects, []), setting.with_clearance(3e-4), "C", ())
+    nominal = attempt([], 60.0)
+    nominal.fit.values = np.array([[3e-4, 700.0]])
+    search = SimpleNamespace(
+        groups=groups, others=lambda _: list(groups.values()), setting=setting,
+        profile=SimpleNamespace(best=3e-4),
+    )  # fmt: skip
+    begin_inside(search, Explanation(nominal))
+    free = [group for group in asked if unnamed(group) is not None]
+    assert {group[0].direction for group in free} == tables
+    assert all(len(group) == 3 for group in free)
+    named = {group[0].name for group in asked if unnamed(group) is None}
+    assert named == set(effects) - {"gravity"}
+
+
+def test_a_table_of_friction_is_a_line_through_nothing():
+    curve = rubbing("B", 0.2)
+    np.testing.assert_allclose(along(curve, np.array([0.0, 40.0, 3000.0])), [0.0, 8.0, 600.0])
+    law = free_form(curve, "B").apply(SliderCrank(joint_b=Joint(3e-4)), curve.forces).force
+    assert (law.body, law.direction, law.argument) == ("joint_b", "tangential", "force_b")
 
 
 def test_each_candidate_is_tried_though_something_small_explains():
