@@ -38,6 +38,7 @@ _QUIET = 1.2  # of it: up to which nothing can be told
 _TAKEN = 0.12  # of it: what an effect takes away at least for each of its sizes (wrong ones 0.06 for one)
 _FREE = 0.65  # likewise of a force of free form
 _CLOCKED = 0.45  # of one over time: in a short recording a turn of the crank is a period, too
+_CLEARER = 0.7  # of what all others leave: a weak rhythm leaves much of what impacts do
 _BOTH = 0.4  # of what the better one of two leaves: they are suggested together
 _MORE = 0.95  # of the price of the best one alone: pairs are worth a try
 _PROMISING = 0.9  # of the imbalance: what leaves less may be one of two
@@ -92,9 +93,11 @@ def suggest_forces(
     pairs, clear = _pairs(balance, singles, _PROMISING * before)
     found = [one for one in [*singles, *clear] if one.cost < (1.0 - _TAKEN * one.sizes) * before]
     if not named:
-        found += balance.tables(_FREE * before)
+        tables = balance.tables(before)
+        found += [one for one in tables if one.cost < _FREE * before]
         if min((one.cost for one in found), default=before) > _RHYTHM * before and not search.late():
-            found += balance.rhythms(_CLOCKED * before)
+            least = min((one.cost for one in [*singles, *tables]), default=before)
+            found += balance.rhythms(max(_CLOCKED * before, _CLEARER * least))
     found.sort(key=lambda one: one.price)
     for one in found[:_SHOWN]:
         shown = ", ".join(f"{value:.3g}" for value in one.values)
