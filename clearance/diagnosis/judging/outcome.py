@@ -190,7 +190,7 @@ def diagnose(
                 if verdict != verdict_of(explanation) else []
             ),
             *(
-                f"{label} explains the fitted recordings, but held-out ones are explained better without it."
+                f"{label} explains the fitted recordings, but held-out ones are explained as well without it."
                 for label in judged.withdrawn
             ),
             *(
@@ -256,8 +256,8 @@ class _Judged:
 def _judge(held_out: Sequence[Measured], search: Search, explanation: Explanation) -> _Judged:
     """The nominal and the best machine beside recordings that neither was fitted to.
 
-    What the nominal machine explains clearly better there is withdrawn: it was made of chance, or stands in
-    the place of something else.
+    What the nominal machine explains as well there is withdrawn: it was made of chance, or stands in the
+    place of something else. What is right lowers the errors there as it does where it was fitted.
     """
     withdrawn: list[str] = []
     while True:
@@ -269,10 +269,10 @@ def _judge(held_out: Sequence[Measured], search: Search, explanation: Explanatio
             return _Judged(own, after, after, errors_after, errors_after, withdrawn)
         before = _held_out(own, search, nominal, after)
         errors_before = innovations(before, joint, after)
-        better = explained(before) and root_mean_square(errors_before) < interval(errors_after)[0]
+        better = explained(before) and root_mean_square(errors_before) <= root_mean_square(errors_after)
         if best is explanation.shown or not better:
             return _Judged(own, before, after, errors_before, errors_after, withdrawn)
-        search.report(f"{best.label}: held-out recordings are explained better without")
+        search.report(f"{best.label}: held-out recordings are explained as well without")
         best.withdrawn = True
         withdrawn.append(best.label)
         _ask(search, explanation)
