@@ -190,7 +190,7 @@ def diagnose(
                 if verdict != verdict_of(explanation) else []
             ),
             *(
-                f"{label} explains the fitted recordings, but held-out ones are explained as well without it."
+                f"{label} explains the fitted recordings, but held-out ones are explained as well with less."
                 for label in judged.withdrawn
             ),
             *(
@@ -256,8 +256,9 @@ class _Judged:
 def _judge(held_out: Sequence[Measured], search: Search, explanation: Explanation) -> _Judged:
     """The nominal and the best machine beside recordings that neither was fitted to.
 
-    What the nominal machine explains as well there is withdrawn: it was made of chance, or stands in the
-    place of something else. What is right lowers the errors there as it does where it was fitted.
+    What the nominal machine, or a part of it, explains as well there is withdrawn: it was made of chance, or
+    stands in the place of something else. What is right lowers the errors there as it does where it was
+    fitted.
     """
     withdrawn: list[str] = []
     while True:
@@ -269,12 +270,22 @@ def _judge(held_out: Sequence[Measured], search: Search, explanation: Explanatio
             return _Judged(own, after, after, errors_after, errors_after, withdrawn)
         before = _held_out(own, search, nominal, after)
         errors_before = innovations(before, joint, after)
-        better = explained(before) and root_mean_square(errors_before) <= root_mean_square(errors_after)
-        if best is explanation.shown or not better:
+        enough = None
+        if best is not explanation.shown:
+            others = ((part, _held_out(own, search, part, after)) for part in explanation.parts(best))
+            for one, alone in [(nominal, before), *others]:
+                errors = innovations(alone, joint, after)
+                if explained(alone) and root_mean_square(errors) <= root_mean_square(errors_after):
+                    enough = one
+                    break
+        if enough is None:
             return _Judged(own, before, after, errors_before, errors_after, withdrawn)
-        search.report(f"{best.label}: held-out recordings are explained as well without")
-        best.withdrawn = True
+        search.report(f"{best.label}: held-out recordings are explained as well by {enough.label}")
         withdrawn.append(best.label)
+        needed = {h.label for h in enough.hypotheses}
+        for attempt in explanation.standing[1:]:
+            more = needed < {h.label for h in attempt.hypotheses} if needed else attempt is best
+            attempt.withdrawn |= more
         _ask(search, explanation)
 
 

@@ -76,6 +76,16 @@ class Explanation:
         """The nominal machine and what was followed beside it and may be asserted."""
         return [self.nominal, *(attempt for attempt in self.attempts if not attempt.withdrawn)]
 
+    def parts(self, attempt: Attempt) -> list[Attempt]:
+        """What explains with some of an attempt's hypotheses alone: of each some, the best."""
+        own = [h.label for h in attempt.hypotheses]
+        found: dict[str, Attempt] = {}
+        for one in self.standing[1:]:
+            fewer = len(one.hypotheses) < len(own) and {h.label for h in one.hypotheses} <= set(own)
+            if fewer and explained(one) and one.misfit <= found.get(one.label, one).misfit:
+                found[one.label] = one
+        return list(found.values())
+
     @property
     def best(self) -> Attempt:
         """The attempt with the smallest penalised misfit, of those that may be asserted.

@@ -57,7 +57,37 @@ def test_what_the_nominal_machine_explains_as_well_on_held_out_recordings_is_wit
     monkeypatch.setattr(outcome, "_ask", lambda *_: None)
     monkeypatch.setattr(outcome, "innovations", innovations)
     search = SimpleNamespace(report=lambda _: None, setting=SimpleNamespace(joint="C"))
+    for one in (found, machine):
+        for hypothesis in one.hypotheses:
+            hypothesis.label = hypothesis.name
     judged = _judge([], search, Explanation(machine, [found]))
     assert found.withdrawn == withdrawn
     assert judged.after is (machine if withdrawn else found)
     assert judged.withdrawn == (["gravity"] if withdrawn else [])
+
+
+@pytest.mark.parametrize(("both", "expected"), [(0.99, ["gravity", "restitution"]), (1.0, ["gravity"])])
+def test_a_second_effect_that_held_out_recordings_do_not_need_is_withdrawn(monkeypatch, both, expected):
+    nominal, one = attempt([], 50.0), attempt(["gravity"], 1.04)
+    pair, other = attempt(["gravity", "restitution"], 0.92), attempt(["gravity", "rod_inertia"], 0.93)
+    errors = {id(nominal): 9.0, id(one): 1.0, id(pair): both, id(other): both}
+    for each in (nominal, one, pair, other):
+        each.label = " + ".join(h.name for h in each.hypotheses) or "nominal"
+        for hypothesis in each.hypotheses:
+            hypothesis.label = hypothesis.name
+    noise = np.random.default_rng(5).standard_normal((4000, 2))
+
+    def innovations(one, joint, floor=None):
+        flat = np.zeros(len(noise))
+        return [Innovations(errors[id(one)] * noise, flat, flat > 0, flat > 0, ("a", "b"), 1e4)]
+
+    monkeypatch.setattr(outcome, "_held_out", lambda held_out, search, one, beside=None: one)
+    monkeypatch.setattr(outcome, "_ask", lambda *_: None)
+    monkeypatch.setattr(outcome, "innovations", innovations)
+    search = SimpleNamespace(report=lambda _: None, setting=SimpleNamespace(joint="C"))
+    explanation = Explanation(nominal, [one, pair, other])
+    judged = _judge([], search, explanation)
+    assert [h.name for h in judged.after.hypotheses] == expected
+    assert explanation.best is judged.after
+    assert other.withdrawn == (len(expected) == 1)
+    assert judged.withdrawn == ([] if len(expected) == 2 else ["gravity + restitution"])
