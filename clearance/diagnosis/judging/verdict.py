@@ -24,7 +24,7 @@ _UNITS = {
 }
 _UNHELD = 10.0  # times the largest force of a table: what is less sure than that is not known at all
 _SHAPELESS = 2.5  # times as unsure beside a table: root mean square of 12 errors of the plant over deviations
-_CLOSED, _AGREED = 0.5, 0.2  # of the clearance that the motion shows: a gap that closed; what it may err by
+_AGREED = 0.2  # of the clearance that the motion shows: what it may err by
 _FAR_NEARER = 0.5  # of the best misfit: what leaves less, if of one recording only, says more of the place
 _LOST = 5.0  # misfit above which a path was lost: a model that is a little wrong leaves less
 _NEAR = 2.0  # times the best misfit: models that say as much of the clearance, where none explains
@@ -148,10 +148,8 @@ def cushioned(explanation: Explanation) -> bool:
 
     What keeps the journal from striking acts in the joint.
     """
-    best, agreed = explanation.best, explanation.agreed
-    if agreed is None or explained(best) or best is explanation.shown:
-        return False
-    return bool(best.fit.values[0, 0] < _CLOSED * agreed[1])
+    best = explanation.best
+    return not explained(best) and best is not explanation.shown and explanation.shut(best)
 
 
 def lost(held_out: Attempt) -> list[str]:

@@ -37,6 +37,7 @@ _BALANCED = 3.0  # mean square in units of the scatter up to which nothing need 
 _QUIET = 1.2  # of it: up to which nothing can be told
 _TAKEN = 0.12  # of it: what an effect takes away at least for each of its sizes (wrong ones 0.06 for one)
 _FREE = 0.65  # likewise of a force of free form
+_SOME = 0.85  # likewise of one that is tried only where nothing else is near
 _CLOCKED = 0.45  # of one over time: in a short recording a turn of the crank is a period, too
 _CLEARER = 0.7  # of what all others leave: a weak rhythm leaves much of what impacts do
 _BOTH = 0.4  # of what the better one of two leaves: they are suggested together
@@ -58,11 +59,13 @@ class Suggested:
         forces: effects that leave little of the imbalance, alone or two together, the best first.
         balanced: whether there is none to speak of.
         pairs: two effects that leave less than any alone, the best first.
+        weak: the likeliest force without a name, where all of these leave much: impacts hide what is weak.
     """
 
     forces: list[Balanced]
     balanced: bool
     pairs: list[Balanced] = field(default_factory=list)
+    weak: Balanced | None = None
 
 
 def suggest_forces(
@@ -92,6 +95,7 @@ def suggest_forces(
     singles = _singles(search, balance, machine)
     pairs, clear = _pairs(balance, singles, _PROMISING * before)
     found = [one for one in [*singles, *clear] if one.cost < (1.0 - _TAKEN * one.sizes) * before]
+    tables: list[Balanced] = []
     if not named:
         tables = balance.tables(before)
         found += [one for one in tables if one.cost < _FREE * before]
@@ -109,7 +113,9 @@ def suggest_forces(
         one for one in pairs if one.price < _MORE * alone and one.cost < (1.0 - _TAKEN * one.sizes) * before
     ]
     more.sort(key=lambda one: one.price)
-    return Suggested(found, before < _BALANCED and not found, more)
+    some = [one for one in tables if one.cost < _SOME * before]
+    weak = None if any(one.curve for one in found) else min(some, key=lambda one: one.price, default=None)
+    return Suggested(found, before < _BALANCED and not found, more, weak)
 
 
 def suggest_names(search: Search, machine: SliderCrank, clearance: float) -> list[Balanced]:

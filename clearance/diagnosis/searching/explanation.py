@@ -8,6 +8,8 @@ from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.searching.screening import Hint
 
+_SHUT = 0.5  # of the clearance that the motion shows
+
 
 @dataclass(frozen=True)
 class Rails:
@@ -75,6 +77,10 @@ class Explanation:
     def standing(self) -> list[Attempt]:
         """The nominal machine and what was followed beside it and may be asserted."""
         return [self.nominal, *(attempt for attempt in self.attempts if not attempt.withdrawn)]
+
+    def shut(self, attempt: Attempt) -> bool:
+        """Whether it closed a gap that the motion shows to be wide: something cushions the strikes."""
+        return self.agreed is not None and bool(attempt.fit.values[0, 0] < _SHUT * self.agreed[1])
 
     def parts(self, attempt: Attempt) -> list[Attempt]:
         """What explains with some of an attempt's hypotheses alone: of each some, the best."""

@@ -44,6 +44,7 @@ def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
         for one in suggested.forces
         if len(one.hypotheses) == 1 and one.curve is None
     ]
+    nearly = False
     # one variant of each effect, one argument of a force without a name
     known: dict[bool, list[set[str]]] = {True: [], False: []}
     for one in suggested.forces:
@@ -59,6 +60,8 @@ def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
         nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
         if explained(explanation.best) or nearly or search.late():
             break
+    if suggested.weak is not None and not (explained(explanation.best) or nearly or search.late()):
+        _follow(search, explanation, search.setting, suggested.weak)
     return suggested.pairs
 
 

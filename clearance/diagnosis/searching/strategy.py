@@ -108,6 +108,10 @@ def _search_all(
     def frame() -> None:
         begin_frame(search, explanation)
 
+    def cushion() -> None:
+        if explanation.shut(nominal):  # a sensor that says little of impacts does much of what a film does
+            begin_inside(search, explanation)
+
     def sensor() -> None:
         channel = glaring(nominal)
         if channel is None and nominal.misfit > FAR and len(search.recordings[0].channels) >= _MANY:
@@ -128,7 +132,7 @@ def _search_all(
             return
         channels = dict(list(suspicious().items())[:_FAULTS])
         begin_dimensions(search, explanation, channels)
-        if not settled(search, explanation, nominal):
+        if not (explanation.shut(nominal) or settled(search, explanation, nominal)):
             begin_inside(search, explanation)
         for channel in channels:
             if channel not in deafened and not settled(search, explanation, nominal):
@@ -223,9 +227,9 @@ def _search_all(
             begin_again(search, explanation)
 
     steps = (
-        frame, build_on, sensor, build_on, balance, build_on, plain, motion, build_on, together, build_on,
-        inside, likely, build_on, reshaped, unlikely, build_on, curve, elsewhere, build_on, unlikely_faults,
-        build_on, pair, build_on, other_curve, again, build_on,
+        frame, build_on, cushion, sensor, build_on, balance, build_on, plain, motion, build_on, together,
+        build_on, inside, likely, build_on, reshaped, unlikely, build_on, curve, elsewhere, build_on,
+        unlikely_faults, build_on, pair, build_on, other_curve, again, build_on,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):
