@@ -23,6 +23,7 @@ from clearance.errors import InputError
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _UNKNOWN_KEY = re.compile(r"the key that ends in '(\w+)'")
 _PATH_WITH_KEYS = re.compile(r"""([\w.]+)=([^'"\[{$(][^'"]*=[^'"]*)""")
+_UNQUOTED = re.compile(r"(no viable alternative|mismatched input|extraneous input).*=")
 _BACKGROUND = re.compile(r"Config search path:.*|\s*object_type=.*|See https://\S+.*")
 
 
@@ -129,7 +130,8 @@ def _wrong_input(error: BaseException, cfg: DictConfig | None) -> str | None:
             return _with_full_keys(_one_line(link), chain, cfg)
     for link in chain:
         if isinstance(link, HydraException | OmegaConfBaseException):
-            return _one_line(link)
+            hint = "; inside a list or mapping, a value with = needs quotes: 'key=[\"a=1\"]'"
+            return _one_line(link) + (hint if _UNQUOTED.search(str(link)) else "")
         if isinstance(link, OSError) and link.errno is not None:
             remedy = "make room or choose another path" if link.errno in _FULL else "choose another path"
             return f"{link.filename or 'the output'}: {link.strerror}; {remedy}"

@@ -258,6 +258,8 @@ def test_killed_and_resumed_nothing_is_asked_twice(trial, how):
         ("scope.cases=0", "cases = 0 is not a whole number .*; change scope.cases"),
         ("scope.shares.nothing=1", "Could not override 'scope.shares.nothing'"),
         ("stage=reveal", "no concealed cases"),
+        ("stage=loop", "choose experiment=closed_loop, or set loop"),
+        ("arguments=[time_limit=400]", "a value with = needs quotes"),
     ],
 )
 def test_a_wrong_input_is_one_line(monkeypatch, capfd, tmp_path, override, words):
