@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clearance.diagnosis.judging import outcome
+from clearance.diagnosis.judging import held_out as judging
+from clearance.diagnosis.judging.held_out import _elsewhere, _passing, judge
 from clearance.diagnosis.judging.mismatch import Innovations
-from clearance.diagnosis.judging.outcome import _elsewhere, _judge, _passing
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
@@ -53,14 +53,14 @@ def test_what_the_nominal_machine_explains_as_well_on_held_out_recordings_is_wit
         flat = np.zeros(len(noise))
         return [Innovations(errors[one.label] * noise, flat, flat > 0, flat > 0, ("a", "b"), 1e4)]
 
-    monkeypatch.setattr(outcome, "_held_out", lambda held_out, search, one, beside=None: one)
-    monkeypatch.setattr(outcome, "_ask", lambda *_: None)
-    monkeypatch.setattr(outcome, "innovations", innovations)
+    monkeypatch.setattr(judging, "_held_out", lambda held_out, search, one, beside=None: one)
+    monkeypatch.setattr(judging, "ask", lambda *_: None)
+    monkeypatch.setattr(judging, "innovations", innovations)
     search = SimpleNamespace(report=lambda _: None, setting=SimpleNamespace(joint="C"))
     for one in (found, machine):
         for hypothesis in one.hypotheses:
             hypothesis.label = hypothesis.name
-    judged = _judge([], search, Explanation(machine, [found]))
+    judged = judge([], search, Explanation(machine, [found]))
     assert found.withdrawn == withdrawn
     assert judged.after is (machine if withdrawn else found)
     assert judged.withdrawn == (["gravity"] if withdrawn else [])
@@ -81,12 +81,12 @@ def test_a_second_effect_that_held_out_recordings_do_not_need_is_withdrawn(monke
         flat = np.zeros(len(noise))
         return [Innovations(errors[id(one)] * noise, flat, flat > 0, flat > 0, ("a", "b"), 1e4)]
 
-    monkeypatch.setattr(outcome, "_held_out", lambda held_out, search, one, beside=None: one)
-    monkeypatch.setattr(outcome, "_ask", lambda *_: None)
-    monkeypatch.setattr(outcome, "innovations", innovations)
+    monkeypatch.setattr(judging, "_held_out", lambda held_out, search, one, beside=None: one)
+    monkeypatch.setattr(judging, "ask", lambda *_: None)
+    monkeypatch.setattr(judging, "innovations", innovations)
     search = SimpleNamespace(report=lambda _: None, setting=SimpleNamespace(joint="C"))
     explanation = Explanation(nominal, [one, pair, other])
-    judged = _judge([], search, explanation)
+    judged = judge([], search, explanation)
     assert [h.name for h in judged.after.hypotheses] == expected
     assert explanation.best is judged.after
     assert other.withdrawn == (len(expected) == 1)

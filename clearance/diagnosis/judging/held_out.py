@@ -1,0 +1,185 @@
+"""The nominal and the best machine beside recordings that neither was fitted to."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained, refine
+from clearance.diagnosis.following.onward import follow_again, go_on
+from clearance.diagnosis.following.trace import Trace
+from clearance.diagnosis.judging.likelihood import ask_likelihood
+from clearance.diagnosis.judging.mismatch import Innovations, innovations, root_mean_square
+from clearance.diagnosis.judging.verdict import equivalents, withdraw
+from clearance.diagnosis.kinematics.agreement import aligned
+from clearance.diagnosis.searching.balance import find_clock
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
+from clearance.diagnosis.searching.rattling import fit_rattling
+from clearance.diagnosis.searching.search import PATIENCE, Search
+from clearance.diagnosis.sensing.measured import Measured
+from clearance.diagnosis.shooting.follow import alike
+from clearance.diagnosis.shooting.model import Model, Unknown
+from clearance.mechanism.applied_force import NoForce, TabulatedForce
+from clearance.mechanism.slider_crank import SliderCrank
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Machines beside held-out recordings.
+
+    Attributes:
+        held_out: recordings, by the clock of the best machine.
+        before: the nominal machine.
+        after: the best one.
+        errors_before: innovations of each.
+        errors_after: likewise.
+        withdrawn: labels of what explained the fitted recordings and harms here.
+    """
+
+    held_out: list[Measured]
+    before: Attempt
+    after: Attempt
+    errors_before: list[Innovations]
+    errors_after: list[Innovations]
+    withdrawn: list[str]
+
+
+def ask(search: Search, explanation: Explanation) -> None:
+    """Ask the likelihood how sure the numbers of what is asserted are; nothing is that may as well be off."""
+    withdraw(explanation)
+    while explained(explanation.best) and explanation.best.hypotheses:
+        new = [one for one in equivalents(explanation) if one.reach is None]
+        if not new:
+            return
+        for one in new:
+            search.report(f"asking the likelihood how sure the numbers of {one.label} are")
+            ask_likelihood(one, search.workers)
+        withdraw(explanation)
+
+
+def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation) -> Judged:
+    """The nominal and the best machine beside recordings that neither was fitted to.
+
+    What the nominal machine, or a part of it, explains as well there is withdrawn: it was made of chance, or
+    stands in the place of something else. What is right lowers the errors there as it does where it was
+    fitted.
+    """
+    withdrawn: list[str] = []
+    while True:
+        best, nominal, joint = explanation.best, explanation.nominal, search.setting.joint
+        own = [_clocked(one, search, best) for one in held_out]
+        after = _held_out(own, search, best)
+        errors_after = innovations(after, joint)
+        if best is nominal:
+            return Judged(own, after, after, errors_after, errors_after, withdrawn)
+        before = _held_out(own, search, nominal, after)
+        errors_before = innovations(before, joint, after)
+        enough = None
+        if best is not explanation.shown:
+            others = ((part, _held_out(own, search, part, after)) for part in explanation.parts(best))
+            for one, alone in [(nominal, before), *others]:
+                errors = innovations(alone, joint, after)
+                if explained(alone) and root_mean_square(errors) <= root_mean_square(errors_after):
+                    enough = one
+                    break
+        if enough is None:
+            return Judged(own, before, after, errors_before, errors_after, withdrawn)
+        search.report(f"{best.label}: held-out recordings are explained as well by {enough.label}")
+        withdrawn.append(best.label)
+        needed = {h.label for h in enough.hypotheses}
+        for attempt in explanation.standing[1:]:
+            more = needed < {h.label for h in attempt.hypotheses} if needed else attempt is best
+            attempt.withdrawn |= more
+        ask(search, explanation)
+
+
+def _held_out(
+    held_out: Sequence[Measured], search: Search, attempt: Attempt, beside: Attempt | None = None
+) -> Attempt:
+    """The attempt's machine beside recordings that it was not fitted to: only their speed is free.
+
+    Args:
+        held_out: recordings.
+        search: that made the attempt.
+        attempt: to judge.
+        beside: another machine that was followed on them, from whose path to begin.
+    """
+    model, count = attempt.model, attempt.model.shared
+    shared = attempt.fit.values[0, :count]
+
+    def whole(values: np.ndarray) -> np.ndarray:
+        return np.append(shared, values[-1])
+
+    only_speed = Model(
+        (Unknown("speed", 1e-3, own=True),),
+        lambda v: _elsewhere(model.machine(whole(v))),
+        lambda v: model.instrument(whole(v)),
+    )
+    own, instrument = model.machine(attempt.fit.values[0]), model.instrument(attempt.fit.values[0])
+    machine = _elsewhere(own)
+    found: Attempt | None
+    if beside is not None and alike(machine, beside.model.machine(beside.fit.values[0])):
+        speeds = beside.fit.values[:, -1:]
+        found = refine((), only_speed, beside.followers, speeds, ANNEALING[1], 8, search.workers, False)
+    else:
+
+        def one(measured: Measured) -> Trace:
+            known = aligned(measured, machine, speeds_near(search))
+            return Trace.of(measured, known, machine, instrument)
+
+        with ThreadPoolExecutor(search.workers) as pool:
+            traces = list(pool.map(one, held_out))
+        values = np.array([[trace.speed] for trace in traces])
+        # what explains its own recordings is looked for with patience in others, unless it is theirs alone
+        right = explained(attempt) and not _passing(own)
+        found = None
+        if right and any(h.name == LOOSE_GUIDE for h in attempt.hypotheses):
+            found = go_on(attempt, traces, only_speed, search.workers)
+            found = found or fit_rattling(traces, only_speed, values, search.workers)
+        if found is None:
+            starts = search.begin(traces, only_speed, values, PATIENCE if right else 0)
+            found = search.grown((), values, starts, model=only_speed, patient=right)
+            assert found is not None
+            if right and not explained(found):
+                other = go_on(attempt, traces, only_speed, search.workers)
+                found = other if other is not None and other.misfit < found.misfit else found
+            if right and not explained(found):
+                found = follow_again(found, traces, only_speed, search.workers)
+    values = found.fit.values
+    found.fit.values = np.concatenate(
+        [np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1
+    )
+    return found
+
+
+def _elsewhere(machine: SliderCrank) -> SliderCrank:
+    """The machine in another recording: a force over the time of one says nothing of others, and is off."""
+    return replace(machine, force=NoForce()) if _passing(machine) else machine
+
+
+def _passing(machine: SliderCrank) -> bool:
+    """Whether its force is a table over the time of one recording, of which another shows nothing."""
+    force = machine.force
+    return isinstance(force, TabulatedForce) and force.argument == "time" and force.period is None
+
+
+def _clocked(measured: Measured, search: Search, attempt: Attempt) -> Measured:
+    """A recording that was held out, by the clock of an attempt's force over time, if it has one.
+
+    The rest of a fitted recording goes on by its clock; another one's is found by the balance of work.
+    """
+    machine = attempt.model.machine(attempt.fit.values[0])
+    if not isinstance(machine.force, TabulatedForce) or machine.force.period is None:
+        return measured
+    own = [f.measured.clock for f in attempt.followers if f.measured.name == measured.name]
+    if not own:
+        own = [find_clock(measured, aligned(measured, machine, speeds_near(search)), machine)]
+    return replace(measured, clock=own[0], period=machine.force.period)
+
+
+def speeds_near(search: Search) -> tuple[float, float]:
+    """Among which the speed of another recording is looked for [rad/s]."""
+    near = [abs(known.speed) for known in search.alignments]
+    return 0.5 * min(near), 2.0 * max(near)
