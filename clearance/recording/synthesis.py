@@ -68,7 +68,8 @@ class Campaign:
         record_start: time of the first recorded sample [s].
         random: path of a number of the machine, such as ``guide_friction.coulomb_force``, to the limits of
             its own uniform draw: physics that nobody knows.
-        random_share: of the runs in which each of them is drawn; in the others it is the machine's own.
+        random_share: of the runs in which each of them is drawn, all if ``None``; in the others it is the
+            machine's own.
     """
 
     mechanism: SliderCrank
@@ -83,7 +84,7 @@ class Campaign:
     duration: float = 3.0
     record_start: float = 2.0
     random: Mapping[str, Sequence[float]] | None = None
-    random_share: float = 1.0
+    random_share: float | None = None
 
     def __post_init__(self) -> None:
         require(self, 1, 10_000_000, whole=True, runs=self.runs)
@@ -99,8 +100,15 @@ class Campaign:
                 raise InputError(
                     f"Campaign.{name} = [{low:g}, {high:g}] falls; change the key that ends in {name!r}"
                 )
-        require(self, 0.0, 1.0, random_share=self.random_share)
-        drawn = {path: tuple(pair) for path, pair in (self.random or {}).items()}
+        if self.random_share is not None:
+            require(self, 0.0, 1.0, random_share=self.random_share)
+        given = {} if self.random is None else self.random
+        if not isinstance(given, Mapping):
+            raise InputError(
+                f"Campaign.random = {given!r} is no mapping of the machine's numbers to limits, such as "
+                "{gravity.1: [-9.81, 0]}; change the key that ends in 'random'"
+            )
+        drawn = {path: tuple(pair) if isinstance(pair, Sequence) else pair for path, pair in given.items()}
         object.__setattr__(self, "random", drawn)
         require_list(self, 2, -1e12, 1e12, **{f"random.{path}": pair for path, pair in drawn.items()})
         for path in drawn:
@@ -172,7 +180,7 @@ class Campaign:
         values = {
             path: float(low + place * (high - low))
             for (place, chance), (path, (low, high)) in zip(draw, sorted(self.random.items()), strict=True)
-            if chance < self.random_share
+            if self.random_share is None or chance < self.random_share
         }
         return with_values(self.mechanism, values)
 

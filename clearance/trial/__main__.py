@@ -43,6 +43,8 @@ def main(cfg: DictConfig) -> None:
         raise InputError(
             "stage = loop needs to know how to train; choose experiment=closed_loop, or set loop"
         )
+    if loop is not None:
+        loop.check(scope)
     if cfg.stage in ("all", "conceal"):
         published = conceal(scope, cfg.seed, folder, sealed, parallel, log.info)
         log.info("%d cases concealed; commitment SHA-256 %s", scope.cases, published["sha256"])
@@ -55,21 +57,17 @@ def main(cfg: DictConfig) -> None:
         facts, cases = reveal(folder, sealed)
         if cfg.stage != "loop":
             rows = [score_case(one) for one in cases]
-            last = loop is None or cfg.stage == "reveal"
-            _write(folder, facts, rows, cfg.results if last else None, cfg.readme if last else None)
+            content = _write(folder, facts, rows)
+            if loop is None or cfg.stage == "reveal":
+                _publish(*content, "trial", cfg.results, cfg.readme)
         if loop is not None and cfg.stage != "reveal":
             closed = close_loop(cases, folder, loop, parallel, log.info)
-            _write_loop(folder, facts, closed, cfg.results, cfg.readme)
+            _publish(*_write_loop(folder, facts, closed), "loop", cfg.results, cfg.readme)
+        log.info("written to %s", folder)
 
 
-def _write(
-    folder: Path,
-    facts: dict[str, Any],
-    rows: Sequence[dict[str, Any]],
-    results: str | None,
-    readme: str | None,
-) -> None:
-    """Result, pictures and tables into the folder; the summary to where it is published."""
+def _write(folder: Path, facts: dict[str, Any], rows: Sequence[dict[str, Any]]) -> tuple[dict[str, Any], str]:
+    """Result and pictures into the folder; returns the summary and its table, which are shown."""
     summary = facts | summarise(rows)
     write_json(folder / "result.json", {"summary": summary, "rows": rows})
     for name, figure in {
@@ -79,26 +77,20 @@ def _write(
     }.items():
         write_atomically(folder / f"{name}.png", figure.savefig)
     text = table(summary)
-    _publish(summary, text, "trial", results, readme)
     sys.stdout.write(f"\n{text}\n{failures(summary) or 'no failures'}\n")
-    log.info("written to %s", folder)
+    return summary, text
 
 
 def _write_loop(
-    folder: Path,
-    facts: dict[str, Any],
-    rows: Sequence[dict[str, Any]],
-    results: str | None,
-    readme: str | None,
-) -> None:
+    folder: Path, facts: dict[str, Any], rows: Sequence[dict[str, Any]]
+) -> tuple[dict[str, Any], str]:
     """Likewise what the estimators made of it."""
     content = facts | closed_loop.summarise(rows) | {"rows": list(rows)}
     write_json(folder / closed_loop.RESULT, content)
     write_atomically(folder / "closed_loop.png", pictures.loop(rows).savefig)
     text = closed_loop.table(rows)
-    _publish(content, text, "loop", results, readme)
     sys.stdout.write(f"\n{text}\n")
-    log.info("written to %s", folder)
+    return content, text
 
 
 def _publish(content: dict[str, Any], text: str, block: str, results: str | None, readme: str | None) -> None:

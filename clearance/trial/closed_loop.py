@@ -6,7 +6,6 @@ the start (domain randomisation: Tobin et al. 2017, IROS, 23-30). All read recor
 with the case's effect at clearances and speeds of its own, which no training and no diagnosis has seen.
 """
 
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -28,8 +27,10 @@ from clearance.models.run_folder import METRICS
 from clearance.predict import estimate_file, load_gauge
 from clearance.provenance import describe
 from clearance.trial.case import Case, Session
-from clearance.trial.examine import CORRECTED, end
+from clearance.trial.draw import Scope
+from clearance.trial.examine import CORRECTED, end, environment
 from clearance.trial.plant import ACCELERATIONS, ExtraForce, write_parquet
+from clearance.trial.repertoire import FORCES
 from clearance.trial.reveal import Revealed
 from clearance.trial.score import item_of
 from clearance.whole_files import read_json, write_atomically, write_json
@@ -37,7 +38,6 @@ from clearance.whole_files import read_json, write_atomically, write_json
 LOOP, RESULT = "loop", "closed_loop.json"
 _PLAN = "plan.json"  # what was asked for
 ESTIMATORS = ("nominal", "corrected", "true", "random")
-_ROOT = Path(__file__).parents[2]
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # multiples of it fill an interval evenly
 _GAP = 0.5  # percent between the nominal and the true simulator: what is closed of less is chance
 _TOUCHING = 2.0  # times a worn bore's amplitude: less clearance would close the gap
@@ -82,6 +82,32 @@ class Loop:
         require(self, 0.0, 1.0, strict=True, label_range=self.label_range)
         require_list(self, 2, 0.0, 2e-3, clearance_range=self.clearance_range)
         require_list(self, 2, 1.0, 2e4, speed_range=self.speed_range)
+        for name in ("clearance_range", "speed_range"):
+            if not getattr(self, name)[0] < getattr(self, name)[1]:
+                raise InputError(f"{name} = {list(getattr(self, name))} does not rise; change loop.{name}")
+        for name in ("train", "corrected", "random"):
+            given = getattr(self, name)
+            if not isinstance(given, list | tuple) or not all(isinstance(one, str) for one in given):
+                raise InputError(f"{name} = {given!r} is no list of overrides; change loop.{name}")
+
+    def check(self, scope: Scope) -> None:
+        """Refuse a scope whose cases could not be trained on, before any is concealed.
+
+        Raises:
+            InputError: a frame that is known to move, or a force over time.
+        """
+        if scope.known_frame > 0.0:
+            raise InputError(
+                f"known_frame = {scope.known_frame:g}: a loop trains on a frame at rest; set "
+                "scope.known_frame=0"
+            )
+        forces = [name for name in FORCES if name in scope.items] or list(FORCES)
+        passing = [name for name in forces if FORCES[name].argument not in _RANGES]
+        if passing and scope.shares.get("outside", 0.0) > 0.0:
+            raise InputError(
+                f"items: {passing[0]} is a force over time, which no other run shares; name others in "
+                "scope.items"
+            )
 
 
 def close_loop(
@@ -99,16 +125,14 @@ def close_loop(
     Returns:
         A row a case: mean absolute errors in percent of ``label_range`` by estimator, and of the diagnosis.
     """
-    machines = [true_machine(one.case) for one in cases]  # one that cannot be trained on is refused at once
     rows = []
-    for one, machine in zip(cases, machines, strict=True):
+    for one in cases:
         case, place = one.case, folder / LOOP / one.case.name
         tests = record(case, place / "tests", loop, parallel)
         report(f"{case.name}: {len(tests)} recordings of a machine with {' and '.join(case.missing)}")
-        runs = _trained(one, machine, folder / LOOP, loop, report)
-        found = {
-            name: [estimate_file(load_gauge(run), path) for path, _ in tests] for name, run in runs.items()
-        }
+        runs = _trained(one, folder / LOOP, loop, report)
+        gauges = {name: load_gauge(run) for name, run in runs.items()}
+        found = {name: [estimate_file(gauge, path) for path, _ in tests] for name, gauge in gauges.items()}
         row = score(one, [true for _, true in tests], found, loop)
         write_json(place / RESULT, row)
         rows.append(row)
@@ -170,13 +194,7 @@ def _clearances(case: Case, loop: Loop) -> tuple[float, float]:
 
 
 def true_machine(case: Case) -> SliderCrank:
-    """The simulator's machine with what is true of a case; a force without a name as a fine table.
-
-    Raises:
-        InputError: a force over time, which no machine of a training shares, or a frame known to move.
-    """
-    if case.known_frame:
-        raise InputError(f"{case.name} stands on a frame of its own; set scope.known_frame to 0")
+    """The simulator's machine with what is true of a case; a force without a name as a fine table."""
     joint = f"joint_{case.joint.lower()}"
     machine = SliderCrank()
     machine = replace(machine, **{joint: replace(getattr(machine, joint), clearance=case.clearance)})
@@ -199,8 +217,6 @@ def _variant(effect: Effect, values: Mapping[str, float]) -> Effect:
 
 def _table(force: Mapping[str, Any]) -> TabulatedForce:
     argument = str(force["argument"])
-    if argument not in _RANGES:
-        raise InputError(f"scope.items: a force over {argument} cannot be trained on; choose another item")
     law = ExtraForce(**{key: value for key, value in force.items() if key != "of"})
     turn, (low, high) = argument == "crank_angle", _RANGES[argument]
     knots = np.linspace(low, high, TABLE_KNOTS, endpoint=not turn)
@@ -211,13 +227,13 @@ def _table(force: Mapping[str, Any]) -> TabulatedForce:
     )  # fmt: skip
 
 
-def _trained(
-    one: Revealed, true: SliderCrank, folder: Path, loop: Loop, report: Callable[[str], None]
-) -> dict[str, Path]:
+def _trained(one: Revealed, folder: Path, loop: Loop, report: Callable[[str], None]) -> dict[str, Path]:
     """The folder of each estimator's training; what is not there is trained."""
     case, own, nominal = one.case, folder / one.case.name, folder / f"nominal_{one.case.joint}"
     truth, corrected = own / "truth.yaml", own / CORRECTED
-    write_atomically(truth, lambda file: write_mechanism(file, true, "what was true of the case"))
+    write_atomically(
+        truth, lambda file: write_mechanism(file, true_machine(case), "what was true of the case")
+    )
     low, high = _clearances(case, loop)
     on = [f"begin='{nominal.resolve()}'", f"campaign.clearance_range=[{low},{high}]", *loop.corrected]
     names = {"{joint}": case.joint.lower(), "{other}": "c" if case.joint == "B" else "b"}
@@ -234,7 +250,8 @@ def _trained(
         write_atomically(corrected, lambda file: file.write_text(text, encoding="utf-8"))
     for name, (place, more) in plans.items():
         overrides = [f"joint={case.joint}", *loop.train, *more]
-        if not (place / METRICS).exists() or read_json(place / _PLAN, "folder") != overrides:
+        done = (place / METRICS).exists() and (place / _PLAN).exists()
+        if not done or read_json(place / _PLAN, "folder") != overrides:  # the training itself refuses others
             report(f"{case.name}: training on the {name} simulator")
             _train(place, overrides)
     return {name: place for name, (place, _) in plans.items()}
@@ -250,12 +267,11 @@ def _train(place: Path, overrides: Sequence[str]) -> None:
     """Train in a process of its own, which ends with this one."""
     place.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "clearance.train", *overrides, f"hydra.run.dir='{place.resolve()}'"]
-    paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     log = place / "output.txt"
     with log.open("wb") as out:
         process = subprocess.Popen(
             command, stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+            env=environment(),
         )  # fmt: skip
         try:
             code = process.wait()

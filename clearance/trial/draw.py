@@ -68,13 +68,15 @@ class Scope:
                     f"{name} = {dict(given)} must be shares of at least 0, not all 0; change scope.{name}"
                 )
         every = (*EFFECTS, *FAULTS, *FORCES)
-        for item in self.items:
-            if item not in every:
+        for name, choices in (("items", every), ("sizes", (0, 1, 2))):
+            given = getattr(self, name)
+            listed = isinstance(given, list | tuple) and (given or name == "items")
+            wrong = [one for one in given if one not in choices] if listed else [given]
+            if wrong:
                 raise InputError(
-                    f"items: {item!r} is unknown; choose from {', '.join(every)}; change scope.items"
+                    f"{name}: {wrong[0]!r} is unknown; list some of {', '.join(map(str, choices))}; change "
+                    f"scope.{name}"
                 )
-        if not self.sizes or not set(self.sizes) <= {0, 1, 2}:
-            raise InputError(f"sizes = {list(self.sizes)} are not of 0, 1 and 2; change scope.sizes")
         limits = (("clearance_range", 1e-6, 2e-3), ("speed_range", 100.0, 3000.0), ("seconds", 0.2, 60.0))
         for name, low, high in limits:
             given = getattr(self, name)

@@ -94,7 +94,7 @@ class Examiner:
         with (place / _LOG).open("wb") as log:
             process = subprocess.Popen(
                 self.command(folder, name), stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
-                env=_environment(), start_new_session=True,
+                env=environment(OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1"), start_new_session=True,
             )  # fmt: skip
         running.add(process)
         try:
@@ -139,10 +139,7 @@ def end(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def _environment() -> dict[str, str]:
-    """One thread each, and the package from where this one is, whatever the working folder."""
+def environment(**more: str) -> dict[str, str]:
+    """Of a process that takes the package from where this one is, whatever the working folder."""
     paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
-    return {
-        **os.environ, "PYTHONPATH": os.pathsep.join(paths), "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1",
-        "HYDRA_FULL_ERROR": "0",
-    }  # fmt: skip
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "HYDRA_FULL_ERROR": "0", **more}

@@ -82,6 +82,8 @@ def test_physics_that_nobody_knows_is_drawn_for_each_run(whole):
         ({"joint_c.contact": (0.0, 1.0)}, "may be drawn"),
         ({"gravity.1": (0.0, -9.81)}, "falls"),
         ({"gravity.1": (0.0,)}, "list of 2 numbers"),
+        ({"gravity.1": -9.81}, "list of 2 numbers"),
+        ((1, 2), "no mapping"),
         ({"joint_b.clearance": (-1e-3, 1e-4)}, "outside"),
         ({"gravity.7": (0.0, 1.0)}, "has no '7'"),
     ],

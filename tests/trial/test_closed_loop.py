@@ -1,5 +1,6 @@
 """An estimator that goes on from the nominal one, on what a diagnosis corrected, beside the floor."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from math import pi
 
@@ -82,10 +83,36 @@ def test_a_force_without_a_name_is_a_fine_table():
     assert np.abs(found - expected).max() < 0.02 * 9.0
     turning = {**force, "target": "crank_torque", "argument": "crank_angle", "width": 2 * pi}
     assert true_machine(replace(NULL, force=turning)).force.spacing is None
-    with pytest.raises(InputError, match="force over time cannot be trained on"):
-        true_machine(replace(NULL, force={**force, "argument": "time"}))
-    with pytest.raises(InputError, match=r"scope\.known_frame"):
-        true_machine(replace(NULL, known_frame=True))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"items": ("slider_by_time",)}, r"slider_by_time is a force over time.*scope\.items"),
+        ({"items": ("gravity",)}, r"slider_by_time is a force over time.*scope\.items"),  # any force
+        ({"items": ("crank",), "known_frame": 0.1}, r"scope\.known_frame=0"),
+        ({"items": ("crank",)}, None),
+        ({"shares": {"effect": 1}}, None),
+    ],
+)
+def test_a_case_that_cannot_be_trained_on_is_refused_before_it_is_drawn(wrong, said):
+    scope = Scope(**{"shares": {"outside": 1}, "known_frame": 0.0, **wrong})
+    with pytest.raises(InputError, match=said) if said else nullcontext():
+        LOOP.check(scope)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"tests": 0}, r"tests = 0 is outside"),
+        ({"train": None}, r"change loop\.train"),
+        ({"random": "film=dry"}, r"change loop\.random"),
+        ({"speed_range": (900.0, 500.0)}, r"change loop\.speed_range"),
+    ],
+)
+def test_a_wrong_loop_is_refused(wrong, said):
+    with pytest.raises(InputError, match=said):
+        replace(LOOP, **wrong)
 
 
 def test_a_scope_may_name_what_is_missing_and_how_much():
@@ -95,10 +122,12 @@ def test_a_scope_may_name_what_is_missing_and_how_much():
     assert {case.force["of"] for case in cases if case.kind == "outside"} == {"crank"}
     assert {case.size for case in cases} == {2}
     assert not any(Drawing(replace(scope, known_frame=0.0), 3).case(i).known_frame for i in range(5))
-    with pytest.raises(InputError, match=r"scope\.items"):
-        replace(scope, items=("ghost",))
-    with pytest.raises(InputError, match=r"scope\.sizes"):
-        replace(scope, sizes=())
+    for wrong in (("ghost",), "gravity", None):
+        with pytest.raises(InputError, match=r"scope\.items"):
+            replace(scope, items=wrong)
+    for wrong in ((), (5,), None):
+        with pytest.raises(InputError, match=r"scope\.sizes"):
+            replace(scope, sizes=wrong)
 
 
 def test_a_worn_bore_is_not_closed_and_recordings_are_made_once(tmp_path):
@@ -161,6 +190,8 @@ def test_the_loop_is_closed_once_for_every_case(tmp_path):
     lines.clear()
     assert close_loop([one], tmp_path, LOOP, 1, lines.append) == [row]
     assert not any("training on the" in line for line in lines)
+    (tmp_path / LOOP_FOLDER / "nominal_B" / "plan.json").unlink()  # killed before it was written
+    assert close_loop([one], tmp_path, LOOP, 1, lines.append) == [row]
     pictures.loop([row]).savefig(tmp_path / "loop.png")
     loop = tmp_path / LOOP_FOLDER
     for place, gravity, begin in (
