@@ -17,6 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 from tensorboard.compat.proto.event_pb2 import Event
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.event_file_writer import EventFileWriter
+from threadpoolctl import threadpool_limits
 
 from clearance.commands import command, threads
 from clearance.diagnosis.hypotheses.effect import load_effects
@@ -47,6 +48,7 @@ _MOST = 999  # simulations: some seconds each
 
 
 @command("diagnose")
+@threadpool_limits.wrap(limits=1, user_api="blas")  # its threads wait for each other busily where others work
 def main(cfg: DictConfig) -> None:
     """Diagnose recordings; write ``diagnosis.json``, ``report.html`` and ``corrected.yaml``."""
     folder = Path(HydraConfig.get().runtime.output_dir)

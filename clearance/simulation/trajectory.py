@@ -14,14 +14,25 @@ from clearance.simulation.lockstep import trace
 
 def rest_state(machine: SliderCrank) -> np.ndarray:
     """(STATES,) crank at rest at angle zero, rod aligned with A and C, journals centred."""
+    return turning_state(machine, 0.0, 0.0)
+
+
+def turning_state(machine: SliderCrank, angle: float, speed: float) -> np.ndarray:
+    """(STATES,) of a machine whose journals are centred, from its crank's angle [rad] and speed [rad/s]."""
     state = np.zeros(STATES)
-    rise = machine.guide_offset / machine.rod.length
-    angle = np.arcsin(rise)
-    arm = machine.rod.center_of_mass * machine.rod.length
-    state[State.ROD_ANGLE] = angle
-    state[State.ROD_X] = machine.crank.length + arm * np.cos(angle)
-    state[State.ROD_Y] = arm * rise
-    state[State.SLIDER_X] = machine.crank.length + machine.rod.length * np.cos(angle)
+    crank, length = machine.crank.length, machine.rod.length
+    sine, cosine = np.sin(angle), np.cos(angle)
+    rise = (machine.guide_offset - crank * sine) / length
+    run = np.sqrt(1.0 - rise * rise)
+    turn = -crank * cosine * speed / (length * run)
+    arm = machine.rod.center_of_mass * length
+    state[State.CRANK_ANGLE], state[State.CRANK_SPEED] = angle, speed
+    state[State.ROD_ANGLE], state[State.ROD_SPEED] = np.arcsin(rise), turn
+    state[State.ROD_X], state[State.ROD_Y] = crank * cosine + arm * run, crank * sine + arm * rise
+    state[State.ROD_X_RATE] = -crank * sine * speed - arm * rise * turn
+    state[State.ROD_Y_RATE] = crank * cosine * speed + arm * run * turn
+    state[State.SLIDER_X] = crank * cosine + length * run
+    state[State.SLIDER_X_RATE] = -crank * sine * speed - length * rise * turn
     state[State.SLIDER_Y] = machine.guide_offset
     return state
 

@@ -15,20 +15,26 @@ from clearance.evaluation.results import put_between_marks
 from clearance.trial import closed_loop, pictures
 from clearance.trial.closed_loop import close_loop
 from clearance.trial.conceal import conceal
-from clearance.trial.examine import Examiner
+from clearance.trial.examine import DIAGNOSIS, VERDICTS, Examiner
 from clearance.trial.reveal import commit_verdicts, reveal
 from clearance.trial.score import score_case
-from clearance.trial.summary import failures, summarise, table
+from clearance.trial.summary import comparison, failures, summarise, table
 from clearance.whole_files import write_atomically, write_json
 
 log = logging.getLogger(__name__)
 
-STAGES = ("conceal", "diagnose", "reveal", "loop")
+STAGES = ("conceal", "diagnose", "baselines", "reveal", "loop")
+BASELINES = {
+    "trajectory": "least squares on the trajectory",
+    "sparse": "sparse regression",
+    "two_sample": "two-sample test",
+}
+_BESIDE = "baselines"
 
 
 @command("trial")
 def main(cfg: DictConfig) -> None:
-    """Conceal cases, have them diagnosed, reveal, score, close the loop if asked; or one of these stages."""
+    """Conceal, diagnose, reveal, score; with baselines and the loop if asked; or one of these stages."""
     if cfg.stage not in ("all", *STAGES):
         raise InputError(f"stage = {cfg.stage!r} is unknown; choose from all, {', '.join(STAGES)}")
     for name in ("parallel", "time_limit"):
@@ -36,6 +42,7 @@ def main(cfg: DictConfig) -> None:
             raise InputError(f"{name} = {cfg[name]!r} is not a whole number, 1 or more; change {name}")
     if cfg.seed is not None and (isinstance(cfg.seed, bool) or not isinstance(cfg.seed, int) or cfg.seed < 0):
         raise InputError(f"seed = {cfg.seed!r} is not a whole number, 0 or more, or null; change seed")
+    methods = _methods(cfg.baselines)
     part = shard(cfg.shard)
     folder, sealed, parallel = Path(cfg.folder), Path(cfg.sealed), int(cfg.parallel)
     scope, loop = instantiate(cfg.scope, _convert_="all"), instantiate(cfg.loop, _convert_="all")
@@ -49,17 +56,26 @@ def main(cfg: DictConfig) -> None:
         published = conceal(scope, cfg.seed, folder, sealed, parallel, log.info)
         log.info("%d cases concealed; commitment SHA-256 %s", scope.cases, published["sha256"])
     if cfg.stage in ("all", "diagnose"):
-        program = list(cfg.program or [sys.executable, "-m", "clearance.diagnose"])
-        examiner = Examiner(program, list(cfg.arguments), cfg.time_limit, cfg.retry)
+        program = list(cfg.program or DIAGNOSIS)
+        examiner = Examiner(program, list(cfg.arguments), VERDICTS, cfg.time_limit, cfg.retry)
         examiner.examine(folder, parallel, log.info, part)
+    if cfg.stage in ("all", "baselines"):
+        for method in methods:
+            log.info("baseline: %s", BASELINES[method])
+            program = [sys.executable, "-m", "clearance.trial.baselines", f"method={method}"]
+            examiner = Examiner(program, [], f"{_BESIDE}/{method}", cfg.time_limit, cfg.retry)
+            examiner.examine(folder, parallel, log.info, part)
     if cfg.stage in ("reveal", "loop") or (cfg.stage == "all" and part == (1, 1)):
         log.info("verdicts committed: SHA-256 %s", commit_verdicts(folder))
         facts, cases = reveal(folder, sealed)
         if cfg.stage != "loop":
             rows = [score_case(one) for one in cases]
             content = _write(folder, facts, rows)
+            beside = _compare(folder, sealed, methods, content[0])
             if loop is None or cfg.stage == "reveal":
                 _publish(*content, "trial", cfg.results, cfg.readme)
+                if beside:
+                    _publish(content[0], beside, "baselines", cfg.results, cfg.readme)
         if loop is not None and cfg.stage != "reveal":
             closed = close_loop(cases, folder, loop, parallel, log.info)
             _publish(*_write_loop(folder, facts, closed), "loop", cfg.results, cfg.readme)
@@ -79,6 +95,31 @@ def _write(folder: Path, facts: dict[str, Any], rows: Sequence[dict[str, Any]]) 
     text = table(summary)
     sys.stdout.write(f"\n{text}\n{failures(summary) or 'no failures'}\n")
     return summary, text
+
+
+def _methods(given: Any) -> list[str]:
+    methods = [str(one) for one in given]
+    unknown = [one for one in methods if one not in BASELINES]
+    if unknown:
+        raise InputError(f"baselines: {unknown[0]!r} is unknown; choose from {', '.join(BASELINES)}")
+    return methods
+
+
+def _compare(folder: Path, sealed: Path, methods: Sequence[str], summary: dict[str, Any]) -> str:
+    """The table of baselines, whose summaries are added to the diagnosis' own; empty where there are none."""
+    own = dict(summary)
+    summaries = {"this diagnosis": own}
+    for method in methods:
+        _, cases = reveal(folder, sealed, f"{_BESIDE}/{method}")
+        rows = [score_case(one) for one in cases]
+        write_json(folder / f"{method}.json", {"summary": summarise(rows), "rows": rows})
+        summaries[BASELINES[method]] = summarise(rows)
+    if not methods:
+        return ""
+    summary["baselines"] = {method: summaries[BASELINES[method]] for method in methods}
+    text = comparison(summaries)
+    sys.stdout.write(f"\n{text}\n")
+    return text
 
 
 def _write_loop(

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -18,6 +19,8 @@ from clearance.whole_files import read_json, write_json
 
 VERDICTS, VERDICT = "verdicts", "verdict.json"
 CORRECTED = "corrected.yaml"
+DIAGNOSIS = (sys.executable, "-m", "clearance.diagnose", "workers=1", "finished=null")
+"""The program that is put to the test: on one thread, with nothing kept from another case."""
 _DIAGNOSIS = "diagnosis.json"
 _LOG = "output.txt"
 _ROOT = Path(__file__).parents[2]
@@ -30,12 +33,14 @@ class Examiner:
     Attributes:
         program: command line to which the recordings and what is known are added.
         arguments: more of it, at the end.
+        verdicts: folder of the answers within that of the trial.
         time_limit: of one case [s].
         retry: whether cases that failed are tried again.
     """
 
     program: Sequence[str]
     arguments: Sequence[str] = ()
+    verdicts: str = VERDICTS
     time_limit: float = 600.0
     retry: bool = False
 
@@ -51,7 +56,7 @@ class Examiner:
             shard: (k, n): every n-th case beginning with the k-th.
         """
         names = names_of(folder)[shard[0] - 1 :: shard[1]]
-        left = [name for name in names if not self._done(folder / VERDICTS / name)]
+        left = [name for name in names if not self._done(folder / self.verdicts / name)]
         report(f"{len(names) - len(left)} of {len(names)} cases have a verdict")
         running, stopped = set[subprocess.Popen[bytes]](), threading.Event()
         pool = ThreadPoolExecutor(parallel)
@@ -78,15 +83,14 @@ class Examiner:
         return [
             *self.program, f"recordings=[{recordings}]", f"joint={told['joint']}",
             *(known if told["known_frame"] else []), f"without=[{','.join(told['without'])}]",
-            f"hydra.run.dir='{(folder / VERDICTS / name).resolve()}'", "workers=1",
-            "finished=null", *self.arguments,
+            f"hydra.run.dir='{(folder / self.verdicts / name).resolve()}'", *self.arguments,
         ]  # fmt: skip
 
     def _ask(
         self, folder: Path, name: str, running: set[subprocess.Popen[bytes]], stopped: threading.Event,
         report: Callable[[str], None],
     ) -> None:  # fmt: skip
-        place = folder / VERDICTS / name
+        place = folder / self.verdicts / name
         place.mkdir(parents=True, exist_ok=True)
         for outdated in (VERDICT, _DIAGNOSIS, CORRECTED):
             (place / outdated).unlink(missing_ok=True)

@@ -12,8 +12,6 @@ from clearance.trial.examine import VERDICT, VERDICTS
 from clearance.trial.seal import digest, open_seal
 from clearance.whole_files import read_json, write_json
 
-HASHES = "verdicts.json"
-
 
 @dataclass(frozen=True)
 class Revealed:
@@ -36,28 +34,32 @@ class Revealed:
     corrected: str | None = None
 
 
-def commit_verdicts(folder: Path) -> str:
-    """Store the hash of all verdicts, once; returns it.
+def commit_verdicts(folder: Path, verdicts: str = VERDICTS) -> str:
+    """Store the hash of all verdicts, once, beside their folder; returns it.
+
+    Args:
+        folder: of the trial.
+        verdicts: folder of one program's answers within it.
 
     Raises:
         InputError: if a verdict is missing, or was changed after the hash was stored.
     """
     names = names_of(folder)
-    missing = [name for name in names if not (folder / VERDICTS / name / VERDICT).exists()]
+    missing = [name for name in names if not (folder / verdicts / name / VERDICT).exists()]
     if missing:
         raise InputError(
             f"{folder}: {len(missing)} of {len(names)} cases have no verdict yet ({missing[0]} first); "
-            "the seal stays closed; run stage=diagnose"
+            f"in {verdicts}; the seal stays closed; run stage=diagnose"
         )
-    hashes = {name: digest((folder / VERDICTS / name / VERDICT).read_bytes()) for name in names}
+    hashes = {name: digest((folder / verdicts / name / VERDICT).read_bytes()) for name in names}
     total = digest(json.dumps(hashes, sort_keys=True).encode())
-    path = folder / HASHES
+    path = folder / f"{verdicts}.json"
     if path.exists():
         stored = read_json(path, "folder")
         changed = [name for name in names if stored["cases"].get(name) != hashes[name]]
         if changed:
             raise InputError(
-                f"{folder / VERDICTS / changed[0]} was changed after the seal was opened; "
+                f"{folder / verdicts / changed[0]} was changed after the seal was opened; "
                 "choose another folder"
             )
     else:
@@ -65,8 +67,13 @@ def commit_verdicts(folder: Path) -> str:
     return total
 
 
-def reveal(folder: Path, sealed: Path) -> tuple[dict[str, Any], list[Revealed]]:
+def reveal(folder: Path, sealed: Path, verdicts: str = VERDICTS) -> tuple[dict[str, Any], list[Revealed]]:
     """Commit the verdicts, open the seal, check truth and recordings.
+
+    Args:
+        folder: of the trial.
+        sealed: folder of the truth.
+        verdicts: folder of one program's answers within that of the trial.
 
     Returns:
         ``seed``, ``commitment`` and ``verdicts`` (hashes), and the cases.
@@ -74,7 +81,7 @@ def reveal(folder: Path, sealed: Path) -> tuple[dict[str, Any], list[Revealed]]:
     Raises:
         InputError: if a verdict is missing or anything was changed.
     """
-    verdicts = commit_verdicts(folder)
+    hashed = commit_verdicts(folder, verdicts)
     published = read_json(folder / COMMITMENT, "folder")
     truth = open_seal(sealed, published["sha256"])
     for part in truth["cases"]:
@@ -83,10 +90,10 @@ def reveal(folder: Path, sealed: Path) -> tuple[dict[str, Any], list[Revealed]]:
                 raise InputError(
                     f"{folder / name} is not the recording that was concealed; nothing is scored"
                 )
-    cases = [_revealed(folder, part) for part in truth["cases"]]
-    return {"seed": truth["seed"], "commitment": published["sha256"], "verdicts": verdicts}, cases
+    cases = [_revealed(folder / verdicts, part) for part in truth["cases"]]
+    return {"seed": truth["seed"], "commitment": published["sha256"], "verdicts": hashed}, cases
 
 
-def _revealed(folder: Path, part: dict[str, Any]) -> Revealed:
+def _revealed(verdicts: Path, part: dict[str, Any]) -> Revealed:
     case = Case.from_json(part["truth"])
-    return Revealed(case, part["secrets"], **read_json(folder / VERDICTS / case.name / VERDICT, "folder"))
+    return Revealed(case, part["secrets"], **read_json(verdicts / case.name / VERDICT, "folder"))

@@ -75,6 +75,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "parameter_error": quantiles([p["error"] for p in asserted if p["error"] is not None]),
         "clearance_coverage": rate([one["covered"] for one in clearances if one["covered"] is not None]),
         "clearance_error": quantiles([one["error"] for one in clearances]),
+        "clearance_error_of_all": quantiles([row["clearance"]["error"] for row in said if row["clearance"]]),
         "clearance_error_at_best": quantiles(
             [row["clearance"]["error"] for row in said
              if row["right"] and row["clearance"] and row["sensors"] == "all" and row["noise"] <= 0.01]
@@ -155,6 +156,20 @@ def table(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def comparison(summaries: Mapping[str, Mapping[str, Any]]) -> str:
+    """What several programs made of the same cases, as a Markdown table: a column each.
+
+    Args:
+        summaries: name of the program to its summary.
+    """
+    lines = [f"| | {' | '.join(summaries)} |", f"|---|{'---|' * len(summaries)}"]
+    for label, key, _, show in _ROWS:
+        if key in _COMPARED:
+            cells = [show(summary[key])[0] for summary in summaries.values()]
+            lines.append(f"| {label} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
 def failures(summary: Mapping[str, Any]) -> str:
     """One line a failure."""
     lines = []
@@ -203,10 +218,21 @@ _ROWS: tuple[tuple[str, str, str, _Show], ...] = (
     ("error of the parameters", "parameter_error", "", _error_cells),
     ("error of the clearance, before", "clearance_error_before", "", _error_cells),
     ("error of the clearance, after", "clearance_error", "", _error_cells),
-    ("the same with all sensors and 1 % noise", "clearance_error_at_best", "at most 0.2 %", _error_cells),
+    ("the same, verdicts that are wrong included", "clearance_error_of_all", "", _error_cells),
+    (
+        "error of the clearance, after, with all sensors and 1 % noise",
+        "clearance_error_at_best",
+        "at most 0.2 %",
+        _error_cells,
+    ),
     ("held-out error over its floor, before", "held_out_before", "", _number_cells),
     ("held-out error over its floor, after", "held_out_after", "at most 1.1", _number_cells),
     ("held-out error within 1.1 of its floor", "held_out_at_floor", "", _rate_cells),
     ("claims of the floor borne out on unseen motion", "claims_borne_out", "", _rate_cells),
     ("seconds a case", "seconds", "at most 300", _number_cells),
 )
+_COMPARED = frozenset({
+    "false_alarms", "detected", "named_or_equivalent", "first_and_alone", "pairs_named_or_equivalent", "body",
+    "unknown_with_body", "parameter_coverage", "clearance_coverage", "clearance_error_of_all", "seconds",
+})  # fmt: skip
+"""Rows of the comparison."""

@@ -23,10 +23,10 @@ from clearance.recording.files import read
 from clearance.trial.case import KNOWN_FRAME
 from clearance.trial.conceal import CASE, COMMITMENT, conceal
 from clearance.trial.draw import Drawing
-from clearance.trial.examine import VERDICT, VERDICTS, Examiner
+from clearance.trial.examine import DIAGNOSIS, VERDICT, VERDICTS, Examiner
 from clearance.trial.plant import write_parquet
 from clearance.trial.repertoire import EFFECTS, FAULTS
-from clearance.trial.reveal import HASHES, commit_verdicts, reveal
+from clearance.trial.reveal import commit_verdicts, reveal
 from clearance.trial.seal import TRUTH, close, digest, unlock
 from clearance.trial.simulate import simulate
 from clearance.whole_files import read_json, write_json
@@ -152,7 +152,7 @@ def test_the_seal_opens_only_when_every_verdict_is_in(trial):
     trial.answer({"case_0002": "hang"})
     with pytest.raises(InputError, match="4 of 4 cases have no verdict"):
         commit_verdicts(trial.folder)
-    assert not (trial.folder / HASHES).exists()
+    assert not (trial.folder / f"{VERDICTS}.json").exists()
     trial.examine(time_limit=1.5)
     commit_verdicts(trial.folder)
     _, cases = reveal(trial.folder, trial.sealed)
@@ -193,9 +193,14 @@ def test_the_tool_understands_what_it_is_told(trial, known_frame):
     """The overrides of a case compose with the diagnosis' own configuration."""
     told = {"joint": "B", "known_frame": known_frame, "without": ["torque_ripple"]}
     write_json(trial.folder / "cases/case_0002" / CASE, told)
-    overrides = Examiner([], ["most_effects=1"]).command(trial.folder, "case_0002")
+    command = Examiner(DIAGNOSIS, ["most_effects=1"]).command(trial.folder, "case_0002")
+    overrides = [one for one in command[3:] if not one.startswith("hydra.")]
     with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
-        cfg = compose("diagnose", [one for one in overrides if not one.startswith("hydra.")])
+        cfg = compose("diagnose", overrides)
+        own = compose(
+            "baseline", [one for one in overrides if one.split("=")[0] in ("recordings", "without", "joint")]
+        )
+    assert (own.joint.name, own.without, own.recordings) == (cfg.joint.name, cfg.without, cfg.recordings)
     assert [Path(path).name for path in cfg.recordings] == ["1.parquet"]
     assert (cfg.joint.name, list(cfg.without), cfg.workers, cfg.most_effects) == (
         "B",
@@ -251,13 +256,14 @@ def test_killed_and_resumed_nothing_is_asked_twice(trial, how):
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("stage=later", "stage = 'later' is unknown; choose from all, conceal, diagnose, reveal"),
+        ("stage=later", "stage = 'later' is unknown; choose from all, conceal, diagnose, baselines, reveal"),
         ("parallel=0", "parallel = 0 is not a whole number, 1 or more; change parallel"),
         ("seed=-1", "seed = -1 is not a whole number, 0 or more, or null; change seed"),
         ("shard=3/2", "shard = 3/2 must be k/n with 1 <= k <= n; change shard"),
         ("scope.cases=0", "cases = 0 is not a whole number .*; change scope.cases"),
         ("scope.shares.nothing=1", "Could not override 'scope.shares.nothing'"),
         ("stage=reveal", "no concealed cases"),
+        ("baselines=[guess]", "baselines: 'guess' is unknown; choose from trajectory, sparse, two_sample"),
         ("stage=loop", "choose experiment=closed_loop, or set loop"),
         ("arguments=[time_limit=400]", "a value with = needs quotes"),
     ],

@@ -103,7 +103,7 @@ def suggest_dimensions(search: Search, channels: Mapping[str, float]) -> list[Di
 
 
 def suggest_guide(search: Search) -> Dimension | None:
-    """Play of the slider in its guide, where a sensor of its height shows rails and the motion agrees.
+    """Play of the slider in its guide, where its height along the motion shows rails and the motion agrees.
 
     Raises:
         LinAlgError: a linkage that does not turn.

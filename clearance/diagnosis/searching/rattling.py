@@ -39,6 +39,7 @@ from clearance.errors import InputError
 _GAPS = (1.0, 0.95, 1.05, 0.9, 1.1)  # times that which the motion shows
 _MOTION, _KNOWN = (0.01, 0.05), (0.001, 0.003)
 """Standard deviations of clearance and gap, as shares of them: from the motion, from another recording."""
+_HEIGHT = "slider_vertical"  # the sensor that feels the slider rise from its guide
 _GAP = 1  # its place among the unknowns
 _ISLANDS = 8  # of a recording that are tried
 _LIKELY = 10.0  # doubt up to which an island may be right
@@ -55,7 +56,9 @@ _Ways = list[tuple[int, Iterator[Found | None]]]
 def begin_guide(search: Search, explanation: Explanation) -> None:
     """Fit play of the slider in its guide, from the gap that the motion shows.
 
-    On four machines that is off by 5 to 22 %, and the clearance beside it by 0.5 to 3 %.
+    On four machines that is off by 5 to 22 %, and the clearance beside it by 0.5 to 3 %. Where no sensor on
+    the slider feels its height, play in the other joint shows the same motion of the rod: rails are believed
+    then only once a path was followed between them.
     """
     try:
         one = suggest_guide(search)
@@ -63,7 +66,8 @@ def begin_guide(search: Search, explanation: Explanation) -> None:
         return
     if one is None:
         return
-    explanation.rails = measure_rails(search, one)
+    if all(_HEIGHT in recording.channels for recording in search.recordings):
+        explanation.rails = measure_rails(search, one)
     held, values = beside(explanation.nominal, [one.hypothesis], np.array([one.value]))
     model = search.setting.model(held)
     values[:, 0] = one.clearance
