@@ -4,12 +4,14 @@ import errno
 import logging
 import os
 import re
+import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
 from functools import wraps
+from types import FrameType
 from typing import Any, NoReturn
 
 import hydra
@@ -30,7 +32,8 @@ _BACKGROUND = re.compile(r"Config search path:.*|\s*object_type=.*|See https://\
 def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:
     """Make a function of a configuration into a command with Hydra's command line.
 
-    A wrong input ends the command with one line on standard error and exit code 2; so does a full disk.
+    A wrong input ends the command with one line on standard error and exit code 2; so does a full disk. Asked
+    to end (SIGTERM, as a queue or a shutdown does) it ends as after Ctrl-C, with all processes that it started.
 
     Args:
         name: of the file in ``conf/``.
@@ -49,6 +52,7 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
         def main() -> Any:
             os.environ["HYDRA_FULL_ERROR"] = "1"  # let errors through, instead of Hydra's own report of them
             before, threading.excepthook = threading.excepthook, _thread_error
+            signal.signal(signal.SIGTERM, _terminated)
             try:
                 with _reported():
                     sys.argv[1:] = [_quoted(with_mechanism_file(argument)) for argument in sys.argv[1:]]
@@ -103,6 +107,10 @@ def _reported(cfg: DictConfig | None = None) -> Iterator[None]:
         logging.getLogger(__name__).debug("wrong input", exc_info=error)
         sys.stderr.write(f"error: {wrong}\n")
         raise SystemExit(2) from None
+
+
+def _terminated(number: int, frame: FrameType | None) -> NoReturn:
+    raise KeyboardInterrupt
 
 
 def _interrupted() -> NoReturn:

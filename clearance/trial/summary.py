@@ -191,7 +191,12 @@ def _rate_cells(one: Mapping[str, Any]) -> tuple[str, str]:
 def _error_cells(one: Mapping[str, Any]) -> tuple[str, str]:
     if one["of"] == 0:
         return "none", ""
-    return f"median {100 * one['median']:.2g} %, 90 % below {100 * one['p90']:.2g} %", ""
+    return f"median {_percent(one['median'])} %, 90 % below {_percent(one['p90'])} %", ""
+
+
+def _percent(share: float) -> str:
+    """Two figures, without an exponent."""
+    return f"{100 * share:.2g}" if 100 * abs(share) < 99.5 else f"{100 * share:.0f}"
 
 
 def _number_cells(one: Mapping[str, Any]) -> tuple[str, str]:
@@ -218,7 +223,7 @@ _ROWS: tuple[tuple[str, str, str, _Show], ...] = (
     ("error of the parameters", "parameter_error", "", _error_cells),
     ("error of the clearance, before", "clearance_error_before", "", _error_cells),
     ("error of the clearance, after", "clearance_error", "", _error_cells),
-    ("the same, verdicts that are wrong included", "clearance_error_of_all", "", _error_cells),
+    ("error of the clearance, after, wrong verdicts included", "clearance_error_of_all", "", _error_cells),
     (
         "error of the clearance, after, with all sensors and 1 % noise",
         "clearance_error_at_best",

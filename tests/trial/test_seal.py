@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -225,7 +226,18 @@ def test_failures_are_recorded_and_tried_again_on_request(trial):
     assert read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)["failure"] is None
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
+def running(word):
+    """Processes with a word in their command line."""
+    lines = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):  # it has ended meanwhile
+            lines.append(path.read_bytes().decode(errors="replace"))
+    return [line for line in lines if word in line]
+
+
+@pytest.mark.parametrize(
+    "how", [signal.SIGKILL, signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+)
 def test_killed_and_resumed_nothing_is_asked_twice(trial, how):
     """The second case hangs: the first is kept, and only what had no verdict is asked again."""
     trial.answer({"case_0002": "hang"})
@@ -242,6 +254,8 @@ def test_killed_and_resumed_nothing_is_asked_twice(trial, how):
         time.sleep(0.05)
     process.send_signal(how)
     process.wait(20)
+    if how != signal.SIGKILL:
+        assert not running(str(trial.answers))
     assert trial.asked() == ["case_0001", "case_0002"]
     kept = trial.folder / VERDICTS / "case_0001" / VERDICT
     written = kept.stat().st_mtime_ns

@@ -222,8 +222,7 @@ def _search_all(
             fit_curve(search, explanation, waiting)
 
     def again() -> None:
-        best = explanation.best
-        if best is not nominal and not settled(search, explanation, nominal):
+        if explanation.best is not nominal:
             begin_again(search, explanation)
 
     steps = (
