@@ -33,7 +33,7 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
     """Make a function of a configuration into a command with Hydra's command line.
 
     A wrong input ends the command with one line on standard error and exit code 2; so does a full disk. Asked
-    to end (SIGTERM, as a queue or a shutdown does) it ends as after Ctrl-C, with all processes that it started.
+    to end (SIGTERM, as a queue or a shutdown does) it ends as after Ctrl-C, with what it started.
 
     Args:
         name: of the file in ``conf/``.
