@@ -32,7 +32,7 @@ LOOSE_GUIDE = "guide_clearance"
 _CLOCK = "timebase"
 _AT_A = ("crank_a_axial", "crank_a_transverse")
 
-_MULTIPLES = np.outer([-1.0, 1.0], [0.5, 2.0, 5.0, 15.0, 40.0]).ravel()  # of a plausible size
+_MULTIPLES = np.outer([-1.0, 1.0], [0.3, 0.7, 1.5, 3.0, 7.0, 15.0, 40.0]).ravel()  # of a plausible size
 _WITHIN = 2.5  # times larger or smaller than the best one of these
 _CLEARLY = 0.9  # of the disagreement without it
 _MUCH = 0.25  # by which it falls at least: below, a second gap takes up what a friction does (0.2 seen)
