@@ -35,6 +35,7 @@ from clearance.diagnosis.searching.widen import deafen, glaring, look, settled, 
 from clearance.diagnosis.searching.work import Balanced
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
+_SHARED = 0.6  # likewise where nothing leaves so little: one of two that share what is missing
 _SEEN = 0.5  # likewise of a dimension, which the motion vouches for whatever the forces
 _HALF = 0.5  # of what is missing: a named force that leaves less may stand for one without a name
 _ROOM = 1.03  # misfit above which an effect that explains may have more parameters
@@ -160,9 +161,9 @@ def _search_all(
         faults = [h for h in prospects.unlikely if h.hypotheses[0].fault is not None]
         widen(search, explanation, nominal, faults)
 
-    def build_on() -> None:
+    def build_on(part: float = _PART) -> None:
         before, base = nominal, _named(explanation)
-        while base not in built_on and _in_part(base, before) and len(base.hypotheses) < most:
+        while base not in built_on and _in_part(base, before, part) and len(base.hypotheses) < most:
             built_on.append(base)
             if base is explanation.best:
                 enlarge(search, explanation)
@@ -187,6 +188,9 @@ def _search_all(
             if not settled(search, explanation, base):
                 begin_elsewhere(search, explanation, base)
             before, base = base, _named(explanation)
+
+    def share() -> None:
+        build_on(_SHARED)
 
     def curve() -> None:
         if settled(search, explanation, nominal):
@@ -228,7 +232,7 @@ def _search_all(
     steps = (
         frame, build_on, cushion, sensor, build_on, balance, build_on, plain, motion, build_on, together,
         build_on, inside, likely, build_on, reshaped, unlikely, build_on, curve, elsewhere, build_on,
-        unlikely_faults, build_on, pair, build_on, other_curve, again, build_on,
+        share, unlikely_faults, build_on, pair, build_on, other_curve, again, build_on,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):
@@ -262,12 +266,12 @@ def _named(explanation: Explanation) -> Attempt:
     return best if tabled else named
 
 
-def _in_part(attempt: Attempt, base: Attempt) -> bool:
-    """Whether named effects explain a good part of what ``base`` leaves, and not all."""
+def _in_part(attempt: Attempt, base: Attempt, part: float) -> bool:
+    """Whether named effects leave less than a part of what ``base`` leaves, and do not explain it."""
     geometric = bool(attempt.hypotheses) and attempt.hypotheses[-1].name in GEOMETRIC
     return (
         len(attempt.hypotheses) > len(base.hypotheses)
         and unnamed(attempt.hypotheses) is None
         and not explained(attempt)
-        and penalised(attempt) < (_SEEN if geometric else _PART) * penalised(base)
+        and penalised(attempt) < (max(_SEEN, part) if geometric else part) * penalised(base)
     )

@@ -10,7 +10,15 @@ from clearance.diagnosis.searching import scrutiny
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.scrutiny import _compare_kinds
 from clearance.diagnosis.searching.significance import unsettled
-from clearance.diagnosis.searching.strategy import _enough, _in_part, _named, _search_all, find_explanation
+from clearance.diagnosis.searching.strategy import (
+    _PART,
+    _SHARED,
+    _enough,
+    _in_part,
+    _named,
+    _search_all,
+    find_explanation,
+)
 from tests.diagnosis.judging.test_verdict import attempt
 
 
@@ -158,19 +166,66 @@ def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkey
 
 
 @pytest.mark.parametrize(
-    ("names", "misfit", "expected"),
+    ("names", "misfit", "part", "expected"),
     [
-        (["slider_offset"], 10.1, True),  # a rod that bends was missing beside it
-        (["slider_offset"], 14.0, False),
-        (["rod_inertia"], 10.1, False),
-        (["rod_inertia"], 7.0, True),
-        (["rod_inertia"], 1.1, False),  # nothing is left
-        ([FREE_FORM], 7.0, False),
-        ([], 7.0, False),
+        (["slider_offset"], 10.1, _PART, True),  # a rod that bends was missing beside it
+        (["slider_offset"], 14.0, _PART, False),
+        (["slider_offset"], 14.0, _SHARED, True),
+        (["rod_inertia"], 10.1, _PART, False),
+        (["rod_inertia"], 7.0, _PART, True),
+        (["rod_inertia"], 1.1, _PART, False),  # nothing is left
+        (["joint_lubrication"], 13.0, _SHARED, True),  # a drive that gives way was missing beside it
+        (["joint_lubrication"], 17.0, _SHARED, False),
+        ([FREE_FORM], 7.0, _PART, False),
+        ([], 7.0, _PART, False),
     ],
 )
-def test_a_good_part_of_what_is_missing_is_built_on(names, misfit, expected):
-    assert _in_part(attempt(names, misfit), attempt([], 25.2)) == expected
+def test_a_good_part_of_what_is_missing_is_built_on(names, misfit, part, expected):
+    assert _in_part(attempt(names, misfit), attempt([], 25.2), part) == expected
+
+
+@pytest.fixture
+def fruitless(monkeypatch):
+    """Every step finds nothing; returns the name of their module."""
+    strategy = "clearance.diagnosis.searching.strategy."
+    for name in (
+        "glaring", "enlarge", "reshape", "begin_elsewhere", "begin_again", "begin_inside", "begin_guide",
+        "begin_dimensions", "begin_wear", "begin_plausible", "widen", "fit_curve",
+    ):  # fmt: skip
+        monkeypatch.setattr(strategy + name, lambda *_: None)
+    for name in ("begin_balanced", "begin_pairs"):
+        monkeypatch.setattr(strategy + name, lambda *_: [])
+    monkeypatch.setattr(strategy + "suggest_channels", lambda _: {})
+    monkeypatch.setattr(strategy + "suggest_curve", lambda *_: ([], np.inf))
+    prospects = SimpleNamespace(plain=[], likely=[], unlikely=[], pairs=[])
+    monkeypatch.setattr(strategy + "look", lambda *_: prospects)
+    return strategy
+
+
+@pytest.mark.parametrize(("misfit", "expected"), [(5.3, ["joint_lubrication"]), (9.0, [])])
+def test_one_of_two_that_share_what_is_missing_is_looked_beside_at_last(
+    monkeypatch, fruitless, misfit, expected
+):
+    beside = []
+    monkeypatch.setattr(
+        fruitless + "begin_beside", lambda _, __, base: beside.extend(h.name for h in base.hypotheses)
+    )
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(beside) > 0)
+    explanation = Explanation(attempt([], 12.2), [attempt(["joint_lubrication"], misfit)])
+    _search_all(search, explanation, 3, lambda _: None)
+    assert beside == expected
+
+
+@pytest.mark.parametrize(("misfit", "expected"), [(1.02, 0), (3.1, 1)])
+def test_what_is_nearly_explained_is_fitted_again_on_paths_of_its_own(
+    monkeypatch, fruitless, misfit, expected
+):
+    again = []
+    monkeypatch.setattr(fruitless + "begin_again", lambda _, found: again.append(found.best))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
+    pair = attempt(["second_clearance", "joint_friction"], misfit)
+    _search_all(search, Explanation(attempt([], 723.0), [pair]), 2, lambda _: None)
+    assert again == [pair] * expected
 
 
 @pytest.mark.parametrize(
