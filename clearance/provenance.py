@@ -1,7 +1,9 @@
-"""What made a result: a canonical description of settings, its fingerprint, and the versions in use."""
+"""What made a result: a canonical description of settings, its fingerprint, and the memory that it took."""
 
 import hashlib
 import json
+import resource
+import sys
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -23,3 +25,9 @@ def fingerprint(value: Any) -> str:
     """SHA-256 of the description of ``value``, 16 hexadecimal digits."""
     text = json.dumps(describe(value), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def peak_memory() -> float:
+    """Largest resident memory of this process so far [MiB]."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)  # bytes there, KiB elsewhere

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from clearance.benchmark.measurement import Cost, measure, peak_memory
+from clearance.benchmark.measurement import Cost, measure
 from clearance.mechanism.slider_crank import SliderCrank
+from clearance.provenance import peak_memory
 from clearance.recording.synthesis import Campaign
 from clearance.simulation.batch import Sampling, run_batch
 from clearance.simulation.decimation import Decimation

@@ -3,7 +3,6 @@
 import os
 import platform
 import resource
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -38,12 +37,6 @@ def measure(work: Callable[[], T], children: bool = False) -> tuple[Cost, T]:
     begin, before = time.perf_counter(), spent()
     result = work()
     return Cost(time.perf_counter() - begin, spent() - before), result
-
-
-def peak_memory() -> float:
-    """Largest resident memory of this process so far [MiB]."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (2**20 if sys.platform == "darwin" else 2**10)  # bytes there, KiB elsewhere
 
 
 def circumstances() -> dict[str, Any]:

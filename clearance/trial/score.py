@@ -22,6 +22,7 @@ def score_case(one: Revealed) -> dict[str, Any]:
         "missing": list(case.missing), "visibility": one.secrets["visibility"],
         "visible": all(v >= 1.0 for v in one.secrets["visibility"].values()),
         "seconds": one.seconds, "failure": one.failure,
+        "memory_mib": (said or {}).get("peak_memory_mib"),
     }  # fmt: skip
     if said is None:
         return row | {"verdict": None, "right": False, "why": one.failure}

@@ -90,6 +90,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "claims_borne_out": rate([row["left_over"] <= 1.0 for row in claims]),
         "left_over": quantiles([row["left_over"] for row in claims]),
         "seconds": quantiles([row["seconds"] for row in rows]),
+        "memory_mib": quantiles([row["memory_mib"] for row in rows if row.get("memory_mib")]),
         "power": _power(rows),
         "power_by_effect": {
             item: _power([row for row in rows if row["kind"] in _NAMED and row["item"] == item])
@@ -202,7 +203,8 @@ def _percent(share: float) -> str:
 def _number_cells(one: Mapping[str, Any]) -> tuple[str, str]:
     if one["of"] == 0:
         return "none", ""
-    return f"median {one['median']:.3g}, 90 % below {one['p90']:.3g}", ""
+    median, most = (f"{x:.3g}" if abs(x) < 999.5 else f"{x:.0f}" for x in (one["median"], one["p90"]))
+    return f"median {median}, 90 % below {most}", ""
 
 
 _Show = Callable[[Mapping[str, Any]], tuple[str, str]]
@@ -235,6 +237,7 @@ _ROWS: tuple[tuple[str, str, str, _Show], ...] = (
     ("held-out error within 1.1 of its floor", "held_out_at_floor", "", _rate_cells),
     ("claims of the floor borne out on unseen motion", "claims_borne_out", "", _rate_cells),
     ("seconds a case", "seconds", "at most 300", _number_cells),
+    ("largest memory of a case [MiB]", "memory_mib", "at most 2048", _number_cells),
 )
 _COMPARED = frozenset({
     "false_alarms", "detected", "named_or_equivalent", "first_and_alone", "pairs_named_or_equivalent", "body",

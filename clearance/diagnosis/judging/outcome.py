@@ -37,6 +37,7 @@ from clearance.diagnosis.searching.significance import p_value, usual
 from clearance.diagnosis.searching.strategy import find_explanation
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.mechanism.slider_crank import SliderCrank
+from clearance.provenance import peak_memory
 
 METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
 Found = TypeVar("Found")
@@ -194,6 +195,7 @@ def diagnose(
             ),
         ],
         "seconds": round(time.monotonic() - started, 1),
+        "peak_memory_mib": round(peak_memory()),
     }  # fmt: skip
     search.report(f"verdict: {verdict}; gathering what the report shows")
     evidence = gather_evidence(search, explanation, judged.held_out, judged.before, after, errors_fit, here)

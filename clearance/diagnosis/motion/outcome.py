@@ -28,6 +28,7 @@ from clearance.diagnosis.motion.verdict import (
 )
 from clearance.diagnosis.motion.where import maps, summary
 from clearance.errors import InputError
+from clearance.provenance import peak_memory
 from clearance.recording.channels import si_unit
 
 METRIC = "root mean square of whole-run residuals over the noise of each channel"
@@ -129,6 +130,7 @@ def diagnose(
             for track in tracks if track.silent
         ],
         "seconds": round(time.monotonic() - started, 1),
+        "peak_memory_mib": round(peak_memory()),
     }  # fmt: skip
     evidence = {
         "where": maps(
