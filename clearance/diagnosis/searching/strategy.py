@@ -267,11 +267,15 @@ def _named(explanation: Explanation) -> Attempt:
 
 
 def _in_part(attempt: Attempt, base: Attempt, part: float) -> bool:
-    """Whether named effects leave less than a part of what ``base`` leaves, and do not explain it."""
+    """Whether named effects leave less than a part of what ``base`` leaves beyond noise, but something."""
     geometric = bool(attempt.hypotheses) and attempt.hypotheses[-1].name in GEOMETRIC
     return (
         len(attempt.hypotheses) > len(base.hypotheses)
         and unnamed(attempt.hypotheses) is None
         and not explained(attempt)
-        and penalised(attempt) < (max(_SEEN, part) if geometric else part) * penalised(base)
+        and _beyond_noise(attempt) < (max(_SEEN, part) if geometric else part) * _beyond_noise(base)
     )
+
+
+def _beyond_noise(attempt: Attempt) -> float:
+    return penalised(attempt) - sum(one.samples for one in attempt.fit.passes)
