@@ -237,7 +237,7 @@ class TabulatedForce(Law):
         argument: an ``Argument``, in small letters.
         start: argument at the first knot, in SI units.
         spacing: argument from knot to knot; ``None`` where the table repeats.
-        values: force at up to 24 knots [N or N m, N s/m for damping].
+        values: force at up to 48 knots [N or N m, N s/m for damping].
         interpolation: linear or cubic.
         period: after which a table over time repeats [s]; ``None``: it does not.
     """

@@ -146,9 +146,33 @@ class Parameter(IntEnum):
     TABLE_VALUE_24 = auto()
     TABLE_VALUE_25 = auto()
     TABLE_VALUE_26 = auto()
+    TABLE_VALUE_27 = auto()
+    TABLE_VALUE_28 = auto()
+    TABLE_VALUE_29 = auto()
+    TABLE_VALUE_30 = auto()
+    TABLE_VALUE_31 = auto()
+    TABLE_VALUE_32 = auto()
+    TABLE_VALUE_33 = auto()
+    TABLE_VALUE_34 = auto()
+    TABLE_VALUE_35 = auto()
+    TABLE_VALUE_36 = auto()
+    TABLE_VALUE_37 = auto()
+    TABLE_VALUE_38 = auto()
+    TABLE_VALUE_39 = auto()
+    TABLE_VALUE_40 = auto()
+    TABLE_VALUE_41 = auto()
+    TABLE_VALUE_42 = auto()
+    TABLE_VALUE_43 = auto()
+    TABLE_VALUE_44 = auto()
+    TABLE_VALUE_45 = auto()
+    TABLE_VALUE_46 = auto()
+    TABLE_VALUE_47 = auto()
+    TABLE_VALUE_48 = auto()
+    TABLE_VALUE_49 = auto()
+    TABLE_VALUE_50 = auto()
 
 
-TABLE_KNOTS = 24  # values of a tabulated force
+TABLE_KNOTS = 48  # values of a tabulated force
 JOINT_STRIDE = 11  # entries a joint
 PARAMETERS = max(Parameter) + 1
 

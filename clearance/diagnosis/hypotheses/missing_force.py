@@ -336,6 +336,17 @@ def refined(curve: Curve, interpolation: str) -> Curve:
     )
 
 
+def curve_of(law: TabulatedForce) -> Curve:
+    """The table of a machine as a curve."""
+    count = len(law.values)
+    spacing = (law.period or 2.0 * np.pi) / count if law.spacing is None else law.spacing
+    knots = law.start + spacing * np.arange(count)
+    return Curve(
+        law.body, law.direction, law.argument, knots, np.array(law.values), np.zeros(count), 0.0, 0.0,
+        law.interpolation, law.period,
+    )  # fmt: skip
+
+
 def effect_as_curves(
     passes: Sequence[Pass], followers: Sequence[Follower], place: tuple[str, str], joint: str
 ) -> list[Curve]:

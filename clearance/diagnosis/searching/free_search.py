@@ -14,11 +14,13 @@ import numpy as np
 from clearance.diagnosis.following.attempt import ANNEALING, LOOSENESS, Attempt, explained
 from clearance.diagnosis.following.growth import grow
 from clearance.diagnosis.hypotheses.missing_force import (
+    ARGUMENTS,
     PLACES,
     Curve,
     along,
     arguments_along,
     as_function_of,
+    curve_of,
     effect_as_curves,
     free_form,
     refined,
@@ -33,6 +35,8 @@ from clearance.diagnosis.shooting.fit import Settled, fit, settle
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.model import Model
 from clearance.errors import InputError
+from clearance.mechanism.applied_force import TabulatedForce
+from clearance.mechanism.parameters import TABLE_KNOTS
 
 _SMOOTH = 4  # scales of the noise at which paths are smoothed
 _FIRST = 2  # arguments of each direction that are tried first
@@ -141,9 +145,23 @@ def refine_table(search: Search, explanation: Explanation, curve: Curve, coarse:
         values = np.array([[row[0], *fine.forces, row[-1]] for row in rows])
         search.report(f"  with {len(fine.knots)} instead of {len(curve.knots)} knots, {between} between them")
         held = [free_form(fine, search.setting.joint)]
-        search.refit(explanation, held, coarse.followers, values, ANNEALING[3])
+        search.refit(explanation, held, coarse.followers, values, ANNEALING[3], again=True)
         if explained(explanation.best) or search.late():
             return
+
+
+def sharpen(search: Search, explanation: Explanation) -> None:
+    """Put a knot between each two of the best table, where it stands alone and can have more.
+
+    What a table leaves where the force jumps, or changes fast, looks like noise that is a little too strong.
+    """
+    best = explanation.best
+    if len(best.hypotheses) > 1 or unnamed(best.hypotheses) is None:
+        return
+    law = best.model.machine(best.fit.values[0]).force
+    assert isinstance(law, TabulatedForce)
+    if law.argument in ARGUMENTS and 2 * len(law.values) <= TABLE_KNOTS:
+        refine_table(search, explanation, curve_of(law), best)
 
 
 def reshape(search: Search, explanation: Explanation, best: Attempt) -> None:

@@ -15,7 +15,7 @@ from clearance.diagnosis.searching.elsewhere import (
     begin_sure,
 )
 from clearance.diagnosis.searching.explanation import Explanation, Suspected, penalised
-from clearance.diagnosis.searching.free_search import fit_curve, name_curve, reshape, suggest_curve
+from clearance.diagnosis.searching.free_search import fit_curve, name_curve, reshape, sharpen, suggest_curve
 from clearance.diagnosis.searching.from_motion import (
     begin_balanced,
     begin_beside,
@@ -75,8 +75,10 @@ def find_explanation(
     """
     if not explained(explanation.nominal):
         _search_all(search, explanation, most, keep)
-    if explained(explanation.best) and explanation.best.misfit > _ROOM and not search.late():
-        enlarge(search, explanation)
+    if explanation.best.misfit > _ROOM and not search.late():
+        if explained(explanation.best):
+            enlarge(search, explanation)
+        sharpen(search, explanation)
     scrutinise(search, explanation, most)
     if incomplete(explanation.best) and len(explanation.best.hypotheses) < most and not search.late():
         begin_elsewhere(search, explanation, explanation.best)

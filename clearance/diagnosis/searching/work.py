@@ -48,6 +48,7 @@ _TABLES = {
 """Where forces of free form are looked for, as functions of what; over time in ``rhythms``."""
 _CLOCKED = (("slider", "x"), ("crank", "torque"))
 """Where forces by a clock of their own are looked for."""
+_FINEST = 0.5  # of what a coarser table leaves: a finer one that leaves more says little more
 _BLURRED = 0.05  # of a torque's size: what tells two laws of it apart
 
 
@@ -227,7 +228,12 @@ class Balance:
         coarse = replace(coarse, forces=one.values)
         finer = [self._table(refined(coarse, between)) for between in ("linear", "cubic")]
         each = [table for table in (one, *finer) if table is not None and table.cost < most]
-        return sorted(each, key=lambda one: one.price)[:1]
+        best = sorted(each, key=lambda one: one.price)[:1]
+        # many knots are dear to follow with, but a high harmonic needs them
+        finest = self._table(refined(refined(coarse, "cubic"), "cubic"))
+        if finest is not None and finest.cost < min([most, *(_FINEST * one.cost for one in best)]):
+            return [finest]
+        return best
 
     def _table(self, curve: Curve) -> Balanced | None:
         """A force of free form from the forces of a curve on."""

@@ -16,10 +16,8 @@ from clearance.diagnosis.hypotheses.missing_force import (
     FREE_FORM,
     KNOTS,
     Curve,
-    along,
     as_function_of,
     curve_over,
-    refined,
     unnamed,
 )
 from clearance.diagnosis.judging.verdict import equivalents, estimates
@@ -204,14 +202,6 @@ def test_little_friction_without_a_name_is_found_beside_a_machine_that_follows()
     assert not unsettled(explanation)
 
 
-def test_a_table_over_a_contacts_force_is_a_line_that_goes_on():
-    curve = curve_over(np.linspace(0.0, 200.0, 50), "joint_c", "tangential", "contact_force")
-    straight = replace(curve, forces=0.2 * curve.knots)
-    np.testing.assert_allclose(along(straight, np.array([0.0, 90.0, 5000.0])), [0.2, 18.0, 1000.0], atol=0.3)
-    fine = refined(straight, "cubic")
-    np.testing.assert_allclose(along(fine, np.array([90.0, 5000.0])), [18.0, 1000.0], atol=0.3)
-
-
 @pytest.mark.slow
 def test_a_named_force_that_is_right_stands_against_a_table():
     found, explanation = search(1.5e-4, ("slider_spring",), spring=LinearSpring(300.0, 0.11))
@@ -321,19 +311,6 @@ def test_nothing_is_tried_at_random_beside_a_good_path():
     found, explanation = search(3e-4, ("joint_lubrication",))
     begin_plausible(found, explanation, explanation.nominal)
     assert explanation.attempts == []
-
-
-@pytest.mark.parametrize("argument", ["crank_angle", "slider_velocity"])
-def test_a_table_with_more_knots_is_the_same_curve(argument):
-    low, high = (0.0, 2.0 * np.pi) if argument == "crank_angle" else (-2.0, 3.0)
-    knots = np.linspace(low, high, 12, endpoint=argument != "crank_angle")
-    curve = Curve("slider", "x", argument, knots, np.sin(knots) + knots % 2.0, np.ones(12), 1.0, 1.0)
-    fine, places = refined(curve, "linear"), np.random.default_rng(1).uniform(low, high, 200)
-    assert len(fine.knots) > 20
-    np.testing.assert_allclose(along(fine, places), along(curve, places), atol=1e-12)
-    smooth = refined(curve, "cubic")
-    np.testing.assert_allclose(along(smooth, curve.knots), curve.forces, atol=1e-12)
-    assert np.abs(along(smooth, places) - along(curve, places)).max() > 0.01
 
 
 @pytest.mark.parametrize("name", ["contact_stiffness", "rod_inertia"])

@@ -1,0 +1,82 @@
+"""Forces of free form as tables: the same curve with other knots, and when more of them are tried."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.hypotheses.missing_force import (
+    FREE_FORM,
+    Curve,
+    along,
+    curve_of,
+    curve_over,
+    free_form,
+    refined,
+)
+from clearance.diagnosis.searching import free_search
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.mechanism.applied_force import TabulatedForce
+from clearance.mechanism.slider_crank import SliderCrank
+from tests.diagnosis.judging.test_verdict import attempt
+
+
+def test_a_table_over_a_contacts_force_is_a_line_that_goes_on():
+    curve = curve_over(np.linspace(0.0, 200.0, 50), "joint_c", "tangential", "contact_force")
+    straight = replace(curve, forces=0.2 * curve.knots)
+    np.testing.assert_allclose(along(straight, np.array([0.0, 90.0, 5000.0])), [0.2, 18.0, 1000.0], atol=0.3)
+    fine = refined(straight, "cubic")
+    np.testing.assert_allclose(along(fine, np.array([90.0, 5000.0])), [18.0, 1000.0], atol=0.3)
+
+
+@pytest.mark.parametrize("argument", ["crank_angle", "slider_velocity"])
+def test_a_table_with_more_knots_is_the_same_curve(argument):
+    low, high = (0.0, 2.0 * np.pi) if argument == "crank_angle" else (-2.0, 3.0)
+    knots = np.linspace(low, high, 12, endpoint=argument != "crank_angle")
+    curve = Curve("slider", "x", argument, knots, np.sin(knots) + knots % 2.0, np.ones(12), 1.0, 1.0)
+    fine, places = refined(curve, "linear"), np.random.default_rng(1).uniform(low, high, 200)
+    assert len(fine.knots) > 20
+    np.testing.assert_allclose(along(fine, places), along(curve, places), atol=1e-12)
+    smooth = refined(curve, "cubic")
+    np.testing.assert_allclose(along(smooth, curve.knots), curve.forces, atol=1e-12)
+    assert np.abs(along(smooth, places) - along(curve, places)).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("argument", "period"), [("slider_position", None), ("crank_angle", None), ("time", 0.05), ("time", None)]
+)
+@pytest.mark.parametrize("interpolation", ["linear", "cubic"])
+def test_a_machines_table_is_the_curve_that_it_was_made_from(argument, period, interpolation):
+    high = 2.0 * np.pi if argument == "crank_angle" else 0.05
+    knots = np.linspace(0.0, high, 12, endpoint=period is None and argument != "crank_angle")
+    curve = Curve(
+        "slider", "x", argument, knots, np.sin(knots), np.zeros(12), 0.0, 0.0, interpolation, period
+    )  # fmt: skip
+    found = curve_of(free_form(curve, "C").apply(SliderCrank(), curve.forces).force)
+    for name in ("body", "direction", "argument", "interpolation", "period"):
+        assert getattr(found, name) == getattr(curve, name)
+    np.testing.assert_allclose(found.knots, knots, atol=1e-12)
+    np.testing.assert_array_equal(found.forces, curve.forces)
+
+
+@pytest.mark.parametrize(
+    ("names", "argument", "knots", "expected"),
+    [
+        ([FREE_FORM], "slider_position", 24, True),
+        ([FREE_FORM], "slider_position", 25, False),  # the simulator has no room for twice as many
+        ([FREE_FORM], "force_c", 2, False),  # nothing holds the bends of more
+        (["gravity"], "slider_position", 24, False),
+        ([FREE_FORM, "gravity"], "slider_position", 24, False),
+    ],
+)
+def test_a_table_that_leaves_a_little_too_much_gets_more_knots(monkeypatch, names, argument, knots, expected):
+    force = TabulatedForce("slider", "x", argument, 0.0, 0.01, (1.0,) * knots)
+    best = attempt(names, 1.15)
+    best.model.machine, best.fit.values = (lambda row: SimpleNamespace(force=force)), np.zeros((1, knots + 2))
+    refining = []
+    monkeypatch.setattr(
+        free_search, "refine_table", lambda _, __, curve, coarse: refining.append((len(curve.knots), coarse))
+    )
+    free_search.sharpen(None, Explanation(attempt([], 40.0), [best]))
+    assert refining == [(knots, best)] * expected
