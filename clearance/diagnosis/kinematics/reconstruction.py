@@ -47,9 +47,11 @@ _CONTACT = (
 _INSIDE = 0.9995  # of the clearance: largest eccentricity of a journal that does not touch
 _SMEAR = 0.02  # of the local acceleration
 _CLIPPED = 1e8  # times the variance: a value at its sensor's limit says nothing
+_SHOWN = 5.0  # times the noise: what the sensors at A feel of a frame that moves
 _SHAKEN = 0.2  # of the inertia forces over the mass of the frame
 _TURNING, _MOVING = 400.0, 2000.0  # rad/s^2, m/s^2: typical accelerations
 _BALANCE, _TORQUE_DRIFT = 0.02, 3.0  # N m; N m/s^0.5: how well the crank's torque balances, how it varies
+_AT_A = {Signal.CRANK_A_TRANSVERSE, Signal.CRANK_A_AXIAL}
 _AT_C = {Signal.ROD_C_TRANSVERSE, Signal.ROD_C_AXIAL}
 _GRAVITY = 5.0  # m/s^2 that the mechanism may lack
 
@@ -119,9 +121,10 @@ def reconstruct(
     doubt = np.full((count, 2 * loose), np.inf)
     felt, lifted = feel(parameters, joints, measured.signals, state, inputs), None
     for iteration in range(_ITERATIONS):
+        steady = _steadied(measured, values, felt, state)
         if iteration > 1:  # from the forces of a path that is nearly right: they tell the side
             lifted = _lifted(
-                parameters, measured, *_across(parameters, measured, values, felt, state, joints)
+                parameters, measured, *_across(parameters, measured, steady, felt, state, joints)
             )
         if iteration:
             for j in range(loose):
@@ -129,7 +132,7 @@ def reconstruct(
                 target[:, 2 * j : 2 * j + 2], sight[:, 2 * j : 2 * j + 2], doubt[:, 2 * j : 2 * j + 2] = rests
         rows = np.column_stack([felt.signals, felt.imbalance])
         slope = slopes(parameters, joints, measured.signals, state, inputs, lifted)
-        seen = np.column_stack([values, np.zeros(count)]) - rows
+        seen = np.column_stack([steady, np.zeros(count)]) - rows
         seen += (slope @ np.concatenate([state, inputs], axis=1)[:, :, None])[:, :, 0]
         smoothed = smooth(
             period, start, spread**2, drift**2, _TORQUE_DRIFT**2 * period, slope, seen, noise, sight, target,
@@ -139,7 +142,8 @@ def reconstruct(
         felt = feel(parameters, joints, measured.signals, state, inputs, lifted)
         if not (np.isfinite(smoothed).all() and np.isfinite(felt.signals).all()):
             raise np.linalg.LinAlgError("the links do not reach")
-    error = (values - felt.signals) ** 2 / noise[:, :-1]
+    steady = _steadied(measured, values, felt, state)
+    error = (steady - felt.signals) ** 2 / noise[:, :-1]
     cost = np.minimum(error, 9.0).mean()
     for j in range(loose):
         cost += _strain(*_resting(felt, bores[j], state, j, False), state, j)
@@ -157,11 +161,37 @@ def reconstruct(
     elif parameters[Parameter.GUIDE_STIFFNESS] > 0.0:
         weight = parameters[Parameter.SLIDER_MASS] * (parameters[Parameter.GRAVITY_Y] + state[:, GRAVITY_Y])
         _lay(nodes, parameters, weight - felt.force_c[:, 1], period)
-    across, unsure = _across(parameters, measured, values, felt, state, joints)
+    across, unsure = _across(parameters, measured, steady, felt, state, joints)
     turning = np.stack([
         state[:, CRANK_ANGLE], state[:, CRANK_SPEED], inputs[:, 0], state[:, TORQUE] - felt.imbalance,
     ])  # fmt: skip
     return Reconstruction(nodes, float(cost), force, asked, across, unsure, turning)
+
+
+def _steadied(measured: Measured, values: np.ndarray, felt: Felt, state: np.ndarray) -> np.ndarray:
+    """(samples, channels) felt against the frame, where the crank's sensors at A feel how that moves."""
+    if not _felt_at_a(measured):
+        return values
+    at, crank, steady = measured.signals.index, state[:, CRANK_ANGLE], values.copy()
+    axial, across = values[:, at(Signal.CRANK_A_AXIAL)], values[:, at(Signal.CRANK_A_TRANSVERSE)]
+    x = np.cos(crank) * axial - np.sin(crank) * across
+    y = np.sin(crank) * axial + np.cos(crank) * across
+    turned = {"crank": crank, "rod": felt.rod_angle, "slider": np.zeros_like(crank)}
+    for column, signal in enumerate(measured.signals[: measured.filtered]):
+        link, *_, direction = Signal(signal).name.lower().split("_")
+        sine, cosine = np.sin(turned[link]), np.cos(turned[link])
+        along = direction in ("axial", "horizontal")
+        steady[:, column] -= cosine * x + sine * y if along else cosine * y - sine * x
+    return steady
+
+
+def _felt_at_a(measured: Measured) -> bool:
+    """Whether the crank's sensors at A tell how the frame moves; on one at rest they show noise at most."""
+    if not set(measured.signals) >= _AT_A:
+        return False
+    at = [measured.signals.index(signal) for signal in _AT_A]
+    felt = measured.values[..., at].reshape(-1, len(at)).std(axis=0)
+    return bool((felt > _SHOWN * measured.sigma[at]).all())
 
 
 def _across(
@@ -206,7 +236,7 @@ def _noise(values: np.ndarray, measured: Measured, p: np.ndarray, speed: float) 
     """(samples, channels + 1) variances: the sensors', and what the filter smears where axes turn.
 
     Axes turn while a filtered impact rings. A filtered product is not the product of what is filtered. What a
-    frame that moves adds is not known either.
+    frame that moves adds is known as well as the sensors at A tell.
     """
     filtered = values[:, : measured.filtered]
     moving = filtered - filtered.mean(axis=0)
@@ -214,15 +244,20 @@ def _noise(values: np.ndarray, measured: Measured, p: np.ndarray, speed: float) 
     smear = _SMEAR**2 * np.maximum(local - np.median(local), 0.0)
     noise = np.zeros((len(values), len(measured.sigma) + 1))
     noise[:, :-1] = measured.sigma**2
-    noise[:, : measured.filtered] += smear[:, None] + _shaking(p, speed) ** 2
+    noise[:, : measured.filtered] += smear[:, None] + _shaking(measured, p, speed) ** 2
     noise[:, :-1][measured.clipped.reshape(-1, len(measured.sigma))[: len(values)]] *= _CLIPPED
     torque = p[Parameter.CRANK_LENGTH] * (p[Parameter.ROD_MASS] + p[Parameter.SLIDER_MASS])
     noise[:, -1] = _BALANCE**2 + smear * torque**2
     return noise
 
 
-def _shaking(p: np.ndarray, speed: float) -> float:
-    """Typical acceleration of the frame [m/s^2]: a share of what the links' inertia forces would give it."""
+def _shaking(measured: Measured, p: np.ndarray, speed: float) -> float:
+    """Typical error of what is known of the frame's acceleration [m/s^2].
+
+    Where no sensor feels it, it is a share of what the links' inertia forces would give it.
+    """
+    if _felt_at_a(measured):
+        return float(measured.sigma[[measured.signals.index(signal) for signal in _AT_A]].max())
     force = (p[Parameter.ROD_MASS] + p[Parameter.SLIDER_MASS]) * p[Parameter.CRANK_LENGTH] * speed**2
     return _SHAKEN * float(force * p[Parameter.FRAME_INVERSE_MASS_X])
 
