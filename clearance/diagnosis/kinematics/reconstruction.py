@@ -29,6 +29,7 @@ from clearance.diagnosis.kinematics.rigid_motion import (
     feel,
     slopes,
 )
+from clearance.diagnosis.kinematics.shaking import AT_A, shakes
 from clearance.diagnosis.kinematics.smoother import smooth
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.mechanism.parameters import Parameter
@@ -47,11 +48,9 @@ _CONTACT = (
 _INSIDE = 0.9995  # of the clearance: largest eccentricity of a journal that does not touch
 _SMEAR = 0.02  # of the local acceleration
 _CLIPPED = 1e8  # times the variance: a value at its sensor's limit says nothing
-_SHOWN = 5.0  # times the noise: what the sensors at A feel of a frame that moves
 _SHAKEN = 0.2  # of the inertia forces over the mass of the frame
 _TURNING, _MOVING = 400.0, 2000.0  # rad/s^2, m/s^2: typical accelerations
 _BALANCE, _TORQUE_DRIFT = 0.02, 3.0  # N m; N m/s^0.5: how well the crank's torque balances, how it varies
-_AT_A = {Signal.CRANK_A_TRANSVERSE, Signal.CRANK_A_AXIAL}
 _AT_C = {Signal.ROD_C_TRANSVERSE, Signal.ROD_C_AXIAL}
 _GRAVITY = 5.0  # m/s^2 that the mechanism may lack
 
@@ -116,12 +115,13 @@ def reconstruct(
     for j, bore in enumerate(bores):
         gap = bore.clearance
         spread[FIRST_JOINT + 4 * j : FIRST_JOINT + 4 * j + 4] = gap, 200.0 * gap, gap, 200.0 * gap
-    noise = _noise(values, measured, parameters, speed)
+    shaken = parameters[Parameter.SENSOR_CRANK_A] == 0.0 and shakes(measured, angle, speed)
+    noise = _noise(values, measured, parameters, speed, shaken)
     target, sight = np.zeros((count, 2 * loose)), np.zeros((count, 2 * loose, 2))
     doubt = np.full((count, 2 * loose), np.inf)
     felt, lifted = feel(parameters, joints, measured.signals, state, inputs), None
     for iteration in range(_ITERATIONS):
-        steady = _steadied(measured, values, felt, state)
+        steady = _steadied(measured, values, felt, state) if shaken else values
         if iteration > 1:  # from the forces of a path that is nearly right: they tell the side
             lifted = _lifted(
                 parameters, measured, *_across(parameters, measured, steady, felt, state, joints)
@@ -142,7 +142,7 @@ def reconstruct(
         felt = feel(parameters, joints, measured.signals, state, inputs, lifted)
         if not (np.isfinite(smoothed).all() and np.isfinite(felt.signals).all()):
             raise np.linalg.LinAlgError("the links do not reach")
-    steady = _steadied(measured, values, felt, state)
+    steady = _steadied(measured, values, felt, state) if shaken else values
     error = (steady - felt.signals) ** 2 / noise[:, :-1]
     cost = np.minimum(error, 9.0).mean()
     for j in range(loose):
@@ -169,9 +169,7 @@ def reconstruct(
 
 
 def _steadied(measured: Measured, values: np.ndarray, felt: Felt, state: np.ndarray) -> np.ndarray:
-    """(samples, channels) felt against the frame, where the crank's sensors at A feel how that moves."""
-    if not _felt_at_a(measured):
-        return values
+    """(samples, channels) felt against the frame, whose motion the crank's sensors at A feel."""
     at, crank, steady = measured.signals.index, state[:, CRANK_ANGLE], values.copy()
     axial, across = values[:, at(Signal.CRANK_A_AXIAL)], values[:, at(Signal.CRANK_A_TRANSVERSE)]
     x = np.cos(crank) * axial - np.sin(crank) * across
@@ -183,15 +181,6 @@ def _steadied(measured: Measured, values: np.ndarray, felt: Felt, state: np.ndar
         along = direction in ("axial", "horizontal")
         steady[:, column] -= cosine * x + sine * y if along else cosine * y - sine * x
     return steady
-
-
-def _felt_at_a(measured: Measured) -> bool:
-    """Whether the crank's sensors at A tell how the frame moves; on one at rest they show noise at most."""
-    if not set(measured.signals) >= _AT_A:
-        return False
-    at = [measured.signals.index(signal) for signal in _AT_A]
-    felt = measured.values[..., at].reshape(-1, len(at)).std(axis=0)
-    return bool((felt > _SHOWN * measured.sigma[at]).all())
 
 
 def _across(
@@ -232,7 +221,7 @@ def _lifted(p: np.ndarray, measured: Measured, across: np.ndarray, doubt: float)
     return lift(across[0], across[1], gap, stiffness, doubt, 1.0 / measured.chain.rate)
 
 
-def _noise(values: np.ndarray, measured: Measured, p: np.ndarray, speed: float) -> np.ndarray:
+def _noise(values: np.ndarray, measured: Measured, p: np.ndarray, speed: float, shaken: bool) -> np.ndarray:
     """(samples, channels + 1) variances: the sensors', and what the filter smears where axes turn.
 
     Axes turn while a filtered impact rings. A filtered product is not the product of what is filtered. What a
@@ -242,22 +231,19 @@ def _noise(values: np.ndarray, measured: Measured, p: np.ndarray, speed: float) 
     moving = filtered - filtered.mean(axis=0)
     local = uniform_filter1d(moving**2, 2 * SAMPLES, axis=0).max(axis=1, initial=0.0)
     smear = _SMEAR**2 * np.maximum(local - np.median(local), 0.0)
+    at_a = [measured.channels.index(channel) for channel in AT_A] if shaken else []
+    shaking = measured.sigma[at_a].max() if shaken else _shaking(p, speed)
     noise = np.zeros((len(values), len(measured.sigma) + 1))
     noise[:, :-1] = measured.sigma**2
-    noise[:, : measured.filtered] += smear[:, None] + _shaking(measured, p, speed) ** 2
+    noise[:, : measured.filtered] += smear[:, None] + shaking**2
     noise[:, :-1][measured.clipped.reshape(-1, len(measured.sigma))[: len(values)]] *= _CLIPPED
     torque = p[Parameter.CRANK_LENGTH] * (p[Parameter.ROD_MASS] + p[Parameter.SLIDER_MASS])
     noise[:, -1] = _BALANCE**2 + smear * torque**2
     return noise
 
 
-def _shaking(measured: Measured, p: np.ndarray, speed: float) -> float:
-    """Typical error of what is known of the frame's acceleration [m/s^2].
-
-    Where no sensor feels it, it is a share of what the links' inertia forces would give it.
-    """
-    if _felt_at_a(measured):
-        return float(measured.sigma[[measured.signals.index(signal) for signal in _AT_A]].max())
+def _shaking(p: np.ndarray, speed: float) -> float:
+    """Typical acceleration of the frame [m/s^2]: a share of what the links' inertia forces would give it."""
     force = (p[Parameter.ROD_MASS] + p[Parameter.SLIDER_MASS]) * p[Parameter.CRANK_LENGTH] * speed**2
     return _SHAKEN * float(force * p[Parameter.FRAME_INVERSE_MASS_X])
 

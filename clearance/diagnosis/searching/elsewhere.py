@@ -9,25 +9,23 @@ from clearance.diagnosis.following.attempt import EXPLAINED, POOR, Attempt, expl
 from clearance.diagnosis.following.growth import Followed, grow
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.hypotheses.missing_force import free_form, resisting, rubbing
-from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.searching.everywhere import astray, fit_everywhere, start_with
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE, frame_shakes
+from clearance.diagnosis.searching.geometry import FRAME, GEOMETRIC, LOOSE_GUIDE
 from clearance.diagnosis.searching.search import FAR, Search, beside, enough
 from clearance.diagnosis.searching.significance import SURE, unsettled
 from clearance.diagnosis.searching.work import DRIVE
 from clearance.errors import InputError
-from clearance.mechanism.slider_crank import SliderCrank
 
 _FITTED = 2  # of them that are fitted to all recordings
 _LEFT = 0.3  # of what a base that explains leaves: what is right leaves less
 _TRIALS = 3  # plausible shapes or sizes of an effect that are tried
 _AGAIN = (1.0, 3.0, 5.0)  # times the plausible damping with which a flexible part is followed again
 _SUREST = 3  # effects that a linear look is sure of
-_ELSEWHERE = (DRIVE, "second_clearance", "rod_flexibility", "flexible_base", LOOSE_GUIDE)
+_ELSEWHERE = (DRIVE, "second_clearance", "rod_flexibility", FRAME, LOOSE_GUIDE)
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
 _OUTSIDE = ("crank", "rod", "slider")  # what acts there does work
-_FILM, _FRICTION, _FRAME = "joint_lubrication", "joint_friction", "flexible_base"
+_FILM, _FRICTION = "joint_lubrication", "joint_friction"
 _INSIDE = (_FRICTION, "contact_stiffness", "restitution")
 _RESISTING = (1.0, 0.2, 5.0)  # N s/m in the middle of the gap, from which a table of resistance begins
 _RUBBING = (0.1, 0.25, 0.03)  # coefficients from which a table of friction begins
@@ -73,31 +71,6 @@ def begin_again(search: Search, explanation: Explanation) -> None:
         explanation, best.hypotheses,
         lambda: fit_everywhere(search, best.hypotheses, row, surest, best, anew=True),
     )  # fmt: skip
-
-
-def begin_frame(search: Search, explanation: Explanation) -> None:
-    """Fit a frame that gives way where the crank's sensors at A feel one.
-
-    Beside a nominal machine on a frame at rest the clearance is led astray: it is sought anew.
-    """
-    nominal = explanation.nominal
-    known = search.setting.machine
-    groups = [
-        group for group in _judged_elsewhere(search.others(nominal))
-        if group[0].name == _FRAME and group[0].structural(known)
-    ]  # fmt: skip
-    if not groups or explained(nominal) or not frame_shakes(search):
-        return
-    hypothesis = groups[0][0]
-
-    def machine(clearance: float) -> SliderCrank:
-        return hypothesis.apply(search.setting.with_clearance(clearance), hypothesis.start)
-
-    clearance = profile(search.recordings, search.alignments, machine, search.workers).best
-    search.report(
-        f"  the frame shakes; beside it the motion suggests a clearance of {clearance * 1e3:.3f} mm"
-    )
-    _try_out(search, explanation, nominal, groups, clearance)
 
 
 def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> None:

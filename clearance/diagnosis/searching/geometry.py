@@ -28,9 +28,8 @@ from clearance.mechanism.slider_crank import SliderCrank
 
 GEOMETRIC = ("slider_offset", "second_clearance")
 """Effects that change where the links can be."""
-LOOSE_GUIDE = "guide_clearance"
+LOOSE_GUIDE, FRAME = "guide_clearance", "flexible_base"
 _CLOCK = "timebase"
-_AT_A = ("crank_a_axial", "crank_a_transverse")
 
 _MULTIPLES = np.outer([-1.0, 1.0], [0.3, 0.7, 1.5, 3.0, 7.0, 15.0, 40.0]).ravel()  # of a plausible size
 _WITHIN = 2.5  # times larger or smaller than the best one of these
@@ -134,29 +133,6 @@ def suggest_guide(search: Search) -> Dimension | None:
         f"{beside.best * 1e3:.3f} mm: {share:.0%} of the motion's disagreement are left"
     )
     return Dimension(hypothesis, gap, beside.best, share)
-
-
-def frame_shakes(search: Search) -> bool:
-    """Whether the crank's sensors at A feel a frame that moves, beside gravity and what they err by."""
-    return all(
-        _shaken(one, known.angle, known.speed)
-        for one, known in zip(search.recordings, search.alignments, strict=True)
-    )
-
-
-def _shaken(one: Measured, angle: float, speed: float) -> bool:
-    if any(channel not in one.channels for channel in _AT_A):
-        return False
-    at = [one.channels.index(channel) for channel in _AT_A]
-    axial, across = one.values.reshape(-1, len(one.channels))[:, at].T
-    turned = angle + speed * np.arange(len(axial)) / one.chain.rate
-    cosine, sine, one_each, none = np.cos(turned), np.sin(turned), np.ones_like(turned), np.zeros_like(turned)
-    columns = np.concatenate([
-        np.stack([cosine, sine, one_each, none], axis=1), np.stack([-sine, cosine, none, one_each], axis=1),
-    ])  # fmt: skip
-    felt = np.concatenate([axial, across])
-    left = (felt - columns @ np.linalg.lstsq(columns, felt, rcond=None)[0]).reshape(2, -1)
-    return bool((left.std(axis=1) > _SHOWN * one.sigma[at]).all())
 
 
 def measure_rails(search: Search, guide: Dimension) -> Rails:

@@ -9,7 +9,6 @@ from clearance.diagnosis.hypotheses.missing_force import Curve, unnamed
 from clearance.diagnosis.searching.elsewhere import (
     begin_again,
     begin_elsewhere,
-    begin_frame,
     begin_inside,
     begin_plausible,
     begin_sure,
@@ -20,6 +19,7 @@ from clearance.diagnosis.searching.from_motion import (
     begin_balanced,
     begin_beside,
     begin_dimensions,
+    begin_frame,
     begin_pairs,
     begin_wear,
 )

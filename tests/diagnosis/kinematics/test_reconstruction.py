@@ -2,20 +2,18 @@
 
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from clearance.diagnosis.kinematics.agreement import Alignment, agreement, profile
 from clearance.diagnosis.kinematics.lift import Lift
-from clearance.diagnosis.kinematics.reconstruction import _steadied, reconstruct
+from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.diagnosis.kinematics.rigid_motion import feel, slopes
 from clearance.diagnosis.kinematics.smoother import smooth
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import SpeedControl
-from clearance.mechanism.frame import FlexibleFrame
 from clearance.mechanism.guide import LooseGuide, StribeckGuide
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.load import LinearSpring
@@ -28,7 +26,6 @@ from clearance.simulation.layout import Result, Signal, State
 from clearance.simulation.trajectory import simulate_trajectory
 
 CHAIN = MeasurementChain()
-SOFT = FlexibleFrame(25.0, 0.03, 15.0)
 SENSORS = (
     Signal.CRANK_B_TRANSVERSE, Signal.CRANK_B_AXIAL, Signal.ROD_B_TRANSVERSE, Signal.ROD_B_AXIAL,
     Signal.ROD_C_TRANSVERSE, Signal.ROD_C_AXIAL, Signal.SLIDER_HORIZONTAL,
@@ -113,41 +110,6 @@ def test_signals_and_forces_of_a_motion_are_the_simulators(joint):
     force = results[quiet][:, [Result.FORCE_C_X, Result.FORCE_C_Y]]
     assert np.median(np.abs(felt.force_c - force)) < 1e-2 * np.abs(force).max()
     assert np.median(np.abs(felt.imbalance)) < 1e-2 * np.abs(torque).max() + 1e-3
-
-
-def test_what_sensors_feel_against_a_frame_that_moves():
-    made = machine("C", 3e-4, frame=SOFT)
-    found, channels = run(made), list(Signal)[: Signal.CRANK_ANGLE]
-    part = slice(round(0.35 * CHAIN.base_rate), round(0.4 * CHAIN.base_rate))
-    states, results, signals = found.states[part], found.results[part], found.signals[part][:, channels]
-    measured = SimpleNamespace(signals=channels, filtered=10, values=signals, sigma=np.full(10, 0.1))
-    felt = SimpleNamespace(rod_angle=states[:, State.ROD_ANGLE])
-    steady = _steadied(measured, signals, felt, states[:, [State.CRANK_ANGLE, State.CRANK_SPEED]])
-    shaking = np.abs(signals[:, Signal.CRANK_A_AXIAL]).max()
-    assert shaking > 3.0
-    np.testing.assert_allclose(
-        steady[:, [Signal.CRANK_A_TRANSVERSE, Signal.CRANK_A_AXIAL]], 0.0, atol=1e-12 * shaking
-    )
-    radius, speed = made.crank.length, states[:, State.CRANK_SPEED]
-    np.testing.assert_allclose(steady[:, Signal.CRANK_B_AXIAL], -radius * speed**2, atol=1e-9 * shaking)
-    np.testing.assert_allclose(
-        steady[:, Signal.CRANK_B_TRANSVERSE], radius * results[:, Result.CRANK], atol=1e-9 * shaking
-    )
-    sliding = np.gradient(states[:, State.SLIDER_X_RATE] - states[:, State.FRAME_X_RATE]) * CHAIN.base_rate
-    wrong = np.abs(steady[:, Signal.SLIDER_HORIZONTAL] - sliding)[1:-1]
-    assert np.median(wrong) < 1e-3 * shaking  # not around impacts, where half a step counts
-
-
-def test_a_clearance_shows_on_a_frame_that_moves_where_the_sensors_at_a_feel_it():
-    made = machine("B", 2e-4, frame=SOFT)
-    at_a = (Signal.CRANK_A_TRANSVERSE, Signal.CRANK_A_AXIAL)
-    found = []
-    for sensors in (SENSORS, (*at_a, *SENSORS)):
-        measured, states = recorded(made, sensors=sensors)
-        beside = profile([measured], [aligned(states)], lambda c: machine("B", c), 1)
-        found.append((float(beside.misfit.min()), beside.best))
-    assert found[1][0] < 0.3 * found[0][0]
-    assert found[1][1] == pytest.approx(2e-4, rel=0.1)
 
 
 @pytest.mark.parametrize("joints", [("B",), ("C",), ("B", "C")])

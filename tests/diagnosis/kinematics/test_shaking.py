@@ -1,0 +1,77 @@
+"""A frame that moves: what is felt against it, and on what it stands."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.kinematics.agreement import profile
+from clearance.diagnosis.kinematics.reconstruction import _steadied
+from clearance.diagnosis.kinematics.shaking import measure_frame, shakes
+from clearance.mechanism.frame import FlexibleFrame
+from clearance.simulation.layout import Result, Signal, State
+from tests.diagnosis.kinematics.test_reconstruction import CHAIN, SENSORS, aligned, machine, recorded, run
+
+SOFT = FlexibleFrame(25.0, 0.03, 15.0)
+AT_A = (Signal.CRANK_A_TRANSVERSE, Signal.CRANK_A_AXIAL)
+
+
+@pytest.mark.parametrize(("shaking", "gravity", "bias"), [(0.0, 9.81, 5.0), (2.0, 0.0, 0.0)])
+def test_gravity_and_bias_do_not_shake_the_frame(shaking, gravity, bias):
+    rng, rate, speed, sigma = np.random.default_rng(4), 1e4, 80.0, 0.1
+    turned = 0.3 + speed * np.arange(4000) / rate
+    x = shaking * np.sin(2.0 * np.pi * 25.0 * np.arange(4000) / rate)
+    axial = (x * np.cos(turned) + gravity * np.sin(turned)) + bias
+    across = (-x * np.sin(turned) + gravity * np.cos(turned)) - bias
+    values = np.stack([axial, across], axis=1) + sigma * rng.normal(size=(4000, 2))
+    measured = SimpleNamespace(
+        channels=("crank_a_axial", "crank_a_transverse"), values=values.reshape(-1, 10, 2),
+        sigma=np.full(2, sigma), chain=SimpleNamespace(rate=rate),
+    )  # fmt: skip
+    assert shakes(measured, 0.3, speed) == (shaking > 0.0)
+
+
+def test_what_sensors_feel_against_a_frame_that_moves():
+    made = machine("C", 3e-4, frame=SOFT)
+    found, channels = run(made), list(Signal)[: Signal.CRANK_ANGLE]
+    part = slice(round(0.35 * CHAIN.base_rate), round(0.4 * CHAIN.base_rate))
+    states, results, signals = found.states[part], found.results[part], found.signals[part][:, channels]
+    measured = SimpleNamespace(signals=channels, filtered=10)
+    felt = SimpleNamespace(rod_angle=states[:, State.ROD_ANGLE])
+    steady = _steadied(measured, signals, felt, states[:, [State.CRANK_ANGLE, State.CRANK_SPEED]])
+    shaking = np.abs(signals[:, Signal.CRANK_A_AXIAL]).max()
+    assert shaking > 3.0
+    np.testing.assert_allclose(steady[:, list(AT_A)], 0.0, atol=1e-12 * shaking)
+    radius, speed = made.crank.length, states[:, State.CRANK_SPEED]
+    np.testing.assert_allclose(steady[:, Signal.CRANK_B_AXIAL], -radius * speed**2, atol=1e-9 * shaking)
+    np.testing.assert_allclose(
+        steady[:, Signal.CRANK_B_TRANSVERSE], radius * results[:, Result.CRANK], atol=1e-9 * shaking
+    )
+    sliding = np.gradient(states[:, State.SLIDER_X_RATE] - states[:, State.FRAME_X_RATE]) * CHAIN.base_rate
+    wrong = np.abs(steady[:, Signal.SLIDER_HORIZONTAL] - sliding)[1:-1]
+    assert np.median(wrong) < 1e-3 * shaking  # not around impacts, where half a step counts
+
+
+def test_a_clearance_shows_on_a_frame_that_moves_where_the_sensors_at_a_feel_it():
+    made = machine("B", 2e-4, frame=SOFT)
+    found = []
+    for sensors in (SENSORS, (*AT_A, *SENSORS)):
+        measured, states = recorded(made, sensors=sensors)
+        beside = profile([measured], [aligned(states)], lambda c: machine("B", c), 1)
+        found.append((float(beside.misfit.min()), beside.best))
+    assert found[1][0] < 0.3 * found[0][0]
+    assert found[1][1] == pytest.approx(2e-4, rel=0.1)
+
+
+@pytest.mark.parametrize("joint", ["B", "C"])
+def test_frequency_damping_and_mass_of_a_frame_are_measured_whatever_the_joint_does(joint):
+    measured, states = recorded(machine(joint, 4e-4, frame=SOFT), sensors=(*AT_A, *SENSORS))
+    known = aligned(states)
+    found = measure_frame([measured], [(known.angle, known.speed)], machine(joint, 1e-4))
+    assert found == pytest.approx([25.0, 0.03, 15.0], rel=0.03, abs=3e-3)
+
+
+def test_nothing_is_measured_where_a_link_has_no_sensors():
+    measured, states = recorded(machine("C", 4e-4, frame=SOFT), sensors=(*AT_A, *SENSORS[:-1]))
+    known = aligned(states)
+    assert measure_frame([measured], [(known.angle, known.speed)], machine("C", 1e-4)) is None
