@@ -115,6 +115,7 @@ class NeuralEstimator:
             EarlyStopping(plan.monitor, patience=plan.patience),
             timer,
             best,
+            ModelCheckpoint(run.checkpoints, "last", enable_version_counter=False),
             LearningRateMonitor("epoch"),
         ]
         run_lightning(
@@ -207,9 +208,8 @@ def run_lightning(
     callbacks: Sequence[L.Callback],
     **settings: Any,
 ) -> None:
-    """Train ``module`` as ``plan`` says, or go on from the last of ``checkpoints``."""
+    """Train ``module`` as ``plan`` says, or go on from ``last.ckpt`` that one of ``callbacks`` keeps."""
     torch.backends.cudnn.deterministic, torch.backends.cudnn.benchmark = True, False
-    newest = ModelCheckpoint(checkpoints, "last", enable_version_counter=False)
     progress = TQDMProgressBar(refresh_rate=10) if plan.progress else EpochLines()
     last = checkpoints / "last.ckpt"
     if last.exists():
@@ -221,7 +221,7 @@ def run_lightning(
             devices=1,
             precision=plan.precision,
             max_epochs=plan.epochs,
-            callbacks=[*callbacks, newest, progress],
+            callbacks=[*callbacks, progress],
             plugins=[AtomicCheckpoints()],
             enable_progress_bar=plan.progress,
             enable_model_summary=False,

@@ -18,8 +18,8 @@ _CELLS: dict[type[nn.Module], Cell] = {nn.LSTM: LSTMCell, nn.GRU: GRUCell}
 class NetworkStack(nn.Module):
     """Each weight of M networks is one tensor (M, ...): one optimiser, element by element as M of them.
 
-    The networks compute one after another with the library's layers: on a processor, products of stacked
-    weights were measured slower (docs/training.md), and a convolution over a batch fills a GPU.
+    The networks compute one after another with the library's layers: on a processor these are busy with
+    products already, and batched ones with what lies between them were slower; a convolution fills a GPU.
     """
 
     def __init__(self, nets: Sequence[nn.Module]) -> None:

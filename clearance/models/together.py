@@ -9,10 +9,12 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import lightning as L
 import torch
+from lightning.pytorch.callbacks import Checkpoint
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn, optim
 from torchmetrics import MetricCollection
@@ -69,9 +71,10 @@ class StackedRegressor(L.LightningModule):
         self.seconds = [0.0] * len(runs)  # of the time of each epoch, an equal share
 
     def on_train_start(self) -> None:
-        """Begin to count time; there may be nothing left to do."""
+        """Begin to count time; after a resumption there may be nothing left to do."""
         self._mark = time.perf_counter()
-        self.trainer.should_stop = not any(self._running)
+        if not any(self._running):
+            self.trainer.should_stop = True
 
     def on_train_epoch_start(self) -> None:
         """Drop the networks that have stopped, and take the epoch's recordings to the device."""
@@ -86,7 +89,7 @@ class StackedRegressor(L.LightningModule):
         self._total, self._count = torch.zeros(len(self._rows), device=self.device), 0
         name, rate = type(self._optimizer).__name__, self._optimizer.param_groups[0]["lr"]
         for row in self._rows:
-            self._runs[row].logger.log_metrics({f"lr-{name}": rate}, self.global_step)
+            self._write(row, {f"lr-{name}": rate}, self.global_step)
 
     def training_step(self, batch: SideBySideBatch, index: int) -> Tensor:
         """Sum of the networks' losses: the gradient of each is that of its own."""
@@ -115,7 +118,7 @@ class StackedRegressor(L.LightningModule):
     def on_train_epoch_end(self) -> None:
         """Report the training losses of the epoch."""
         for row, loss in zip(self._rows, self._total / self._count, strict=True):
-            self._write(row, {"train/loss": float(loss)})
+            self._write_epoch(row, {"train/loss": float(loss)})
 
     def on_validation_epoch_start(self) -> None:
         """Forget the last epoch's outputs."""
@@ -133,16 +136,19 @@ class StackedRegressor(L.LightningModule):
         output, target = torch.cat(outputs, dim=1), torch.cat(targets, dim=1)
         loss = torch.stack(losses).sum(0) / target.shape[1]
         self._share_time()
+        all_found = []
         for place, row in enumerate(self._rows):
             self.metrics.reset()
             self.metrics.update(self._metres(output[place]), self._metres(target[place]))
             found = {"val/loss": float(loss[place])}
             found |= {name: float(value) for name, value in self.metrics.compute().items()}
-            self._write(row, found)
+            self._write_epoch(row, found)
             self._judge(place, row, found[self._plan.monitor])
-            # The mean is what the progress shows.
-            self.log_dict({name: value for name, value in found.items() if name != "val/loss"}, prog_bar=True)
-        self.trainer.should_stop = not any(self._running)
+            all_found.append(found)
+        means = {name: sum(found[name] for found in all_found) / len(all_found) for name in all_found[0]}
+        self.log_dict(means, prog_bar=True)  # for the progress; each one's are in its events
+        if not any(self._running):
+            self.trainer.should_stop = True
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """One optimiser for all networks, and a schedule for all batches to come."""
@@ -182,13 +188,35 @@ class StackedRegressor(L.LightningModule):
             self.seconds[row] += (now - self._mark) / len(self._rows)
         self._mark = now
 
-    def _write(self, row: int, metrics: dict[str, float]) -> None:
-        last = self.global_step - 1  # of the epoch, as Lightning counts for one
-        self._runs[row].logger.log_metrics({**metrics, "epoch": self.current_epoch}, last)
+    def _write_epoch(self, row: int, metrics: dict[str, float]) -> None:
+        # As Lightning does for one: by the epoch's last step.
+        self._write(row, {**metrics, "epoch": self.current_epoch}, self.global_step - 1)
+
+    def _write(self, row: int, metrics: dict[str, float], step: int) -> None:
+        if not self._runs[row].finished:  # by an earlier training, which is left as it is
+            self._runs[row].logger.log_metrics(metrics, step)
 
     def _metres(self, scaled: Tensor) -> Tensor:
         scaler = self._data.scalers.target
         return scaler.low + scaled * (scaler.high - scaler.low)
+
+
+class SparingCheckpoint(Checkpoint):
+    """Keeps a checkpoint of the newest epoch; where writing takes long, of one not long ago.
+
+    Ten of the paper's TDNN with their optimiser are 4 GB: a GPU may train as fast as a disk takes them.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._next = path, -math.inf
+
+    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Save, unless that was done a short while ago and this is not the end."""
+        begin = time.perf_counter()
+        if begin > self._next or trainer.should_stop or trainer.current_epoch + 1 == trainer.max_epochs:
+            trainer.save_checkpoint(self._path)
+            spent = time.perf_counter() - begin
+            self._next = begin + (20 * spent if spent > 1.0 else 0.0)  # at most a twentieth of the time
 
 
 def fit_together(
@@ -213,8 +241,9 @@ def fit_together(
     windows = SideBySideWindows(data, [run.seed for run in runs])
     with _uninitialized_memory():
         # Validation without inference mode: what it stores of the weights is trained on after a resumption.
+        newest = SparingCheckpoint(shared.checkpoints / "last.ckpt")
         run_lightning(
-            module, windows, first.training, shared.checkpoints, [], logger=False, inference_mode=False
+            module, windows, first.training, shared.checkpoints, [newest], logger=False, inference_mode=False
         )
     for estimator, state in zip(estimators, stack.states(module.cpu().best), strict=True):
         estimator.net.load_state_dict(state)
@@ -231,7 +260,9 @@ def shareable(estimators: Sequence[Estimator]) -> list[NeuralEstimator]:
     networks = [estimator for estimator in estimators if isinstance(estimator, NeuralEstimator)]
     if len(networks) < len(estimators):
         kind = type(estimators[0]).__name__
-        raise InputError(f"seeds: networks are trained together, and {kind} is none; set seed, or model")
+        raise InputError(
+            f"seeds: networks are trained together, and {kind} is none; set seed, or another model"
+        )
     plan = networks[0].training
     optimizer = type(plan.optimizer([nn.Parameter(torch.zeros(1))]))
     if optimizer not in _BY_ELEMENT:

@@ -1,5 +1,6 @@
 from copy import deepcopy
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -7,7 +8,8 @@ import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from clearance.errors import InputError
-from clearance.models.together import fit_together, shareable
+from clearance.models.together import SparingCheckpoint, fit_together, shareable
+from clearance.whole_files import write_json
 from clearance.windows.windowing import RandomWindows
 from tests.models.conftest import NEURAL, configured
 
@@ -171,3 +173,22 @@ def test_what_cannot_be_shared_is_refused(override, words):
     drop = ["~trainer.optimizer.weight_decay"] if "LBFGS" in override else []
     with pytest.raises(InputError, match=words):
         shareable([configured("tcn", override, *drop)])
+
+
+def test_a_checkpoint_that_takes_long_is_written_seldom_and_at_the_end(tmp_path, monkeypatch):
+    now = iter([0.0, 3.0, 30.0, 61.0, 64.0, 70.0, 73.0])  # s; writing takes three
+    monkeypatch.setattr("clearance.models.together.time.perf_counter", lambda: next(now))
+    trainer, saved = SimpleNamespace(should_stop=False, max_epochs=4), []
+    trainer.save_checkpoint = lambda path: saved.append(trainer.current_epoch)
+    newest = SparingCheckpoint(tmp_path / "last.ckpt")
+    for trainer.current_epoch in range(4):
+        newest.on_train_epoch_end(trainer, None)
+    assert saved == [0, 2, 3]
+
+
+def test_events_of_a_seed_that_is_finished_stay(train, open_run):
+    run = open_run("together-43", 43)
+    write_json(run.path / "metrics.json", {})
+    _, runs, _ = train("tcn")
+    assert [run.path / "metrics.json" for run in runs if run.finished] == [run.path / "metrics.json"]
+    assert [bool(list(run.path.glob("events*"))) for run in runs] == [True, False, True]
