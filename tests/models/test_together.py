@@ -192,3 +192,15 @@ def test_events_of_a_seed_that_is_finished_stay(train, open_run):
     _, runs, _ = train("tcn")
     assert [run.path / "metrics.json" for run in runs if run.finished] == [run.path / "metrics.json"]
     assert [bool(list(run.path.glob("events*"))) for run in runs] == [True, False, True]
+
+
+def test_each_gradient_is_clipped_by_its_own_norm(train, train_apart):
+    # Plain descent: Adam would hide a gradient's length.
+    settings = ("trainer.optimizer._target_=torch.optim.SGD", "trainer.optimizer.lr=1", "trainer.epochs=2")
+    clipped = (*settings, "model.gradient_clip=0.02")
+    estimators, _, _ = train("lstm", *clipped)
+    for seed, estimator in zip(SEEDS, estimators, strict=True):
+        assert_same(estimator, train_apart("lstm", seed, *clipped)[0])
+    free, _, _ = train("lstm", *settings, name="free")
+    for one, other in zip(estimators, free, strict=True):
+        assert (one.net.output.weight - other.net.output.weight).abs().max() > 1e-2
