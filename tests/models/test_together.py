@@ -204,3 +204,17 @@ def test_each_gradient_is_clipped_by_its_own_norm(train, train_apart):
     free, _, _ = train("lstm", *settings, name="free")
     for one, other in zip(estimators, free, strict=True):
         assert (one.net.output.weight - other.net.output.weight).abs().max() > 1e-2
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+@pytest.mark.parametrize("model", ["lstm", "gru", "tcn"])
+def test_on_a_gpu_too_and_after_one_has_stopped(model, train, train_apart):
+    # Recorded passes of whole batches, the epoch's last smaller one, and anew when a seed is taken out.
+    settings = (*STOPPING, "trainer.optimizer.lr=3e-3", "trainer.accelerator=gpu")
+    estimators, runs, _ = train(model, *settings)
+    for seed, estimator, run in zip(SEEDS, estimators, runs, strict=True):
+        apart, own = train_apart(model, seed, *settings)
+        first, theirs = events(run)["val/loss"][0], events(own)["val/loss"][0]
+        np.testing.assert_allclose(first, theirs, rtol=1e-2)  # ten bits of a product (TF32)
+        assert estimator.parameters == apart.parameters
