@@ -1,19 +1,29 @@
-"""Measure what simulating costs: ``python -m clearance.bench``, beside Exudyn where it is installed."""
+"""Measure what simulating costs: ``python -m clearance.bench``, beside Exudyn where it is installed.
+
+``suite=together`` measures what training several seeds at once gains over one after another.
+"""
 
 import logging
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from hydra import compose
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
+from clearance.benchmark import together
 from clearance.benchmark.campaigns import FULL_SCALE, measure_campaign, warm_up
 from clearance.benchmark.measurement import circumstances
 from clearance.benchmark.report import lines, save
 from clearance.benchmark.startup import measure_startup
 from clearance.commands import command
+from clearance.errors import InputError
+from clearance.models.neural import NeuralEstimator
+from clearance.models.together import shareable
 from clearance.recording.synthesis import Campaign
+from clearance.whole_files import write_json
 
 log = logging.getLogger(__name__)
 
@@ -51,14 +61,44 @@ def bench(campaign: Campaign, workers: int, folder: Path, comparison: dict[str, 
     return report
 
 
+def simulator(cfg: DictConfig) -> Iterator[str]:
+    """What simulating costs."""
+    campaign = instantiate(cfg.campaign, _convert_="all")
+    return lines(bench(campaign, cfg.workers, Path(cfg.folder), dict(cfg.comparison)))
+
+
+def trainings_together(cfg: DictConfig) -> Iterator[str]:
+    """What training several seeds at once gains; writes ``together.json``."""
+
+    def model(name: str, epochs: int) -> NeuralEstimator:
+        settings = [f"trainer.epochs={epochs}", f"trainer.threads={cfg.workers}", "trainer.progress=false"]
+        chosen = compose("train", ["experiment=paper", f"model={name}", *settings])
+        (estimator,) = shareable([instantiate(chosen.model, _convert_="all")])
+        return estimator
+
+    folder = Path(cfg.folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    report = together.measure_together(
+        model,
+        **cfg.together,
+        folder=folder,
+        announce=lambda row: log.info("%s: ratio %.2f", row["model"], row["ratio"]),
+    )
+    write_json(folder / "together.json", report)
+    return together.lines(report)
+
+
+SUITES = {"simulator": simulator, "together": trainings_together}
+
+
 @command("bench")
 def main(cfg: DictConfig) -> None:
     """Measure and print the table."""
-    campaign = instantiate(cfg.campaign, _convert_="all")
-    report = bench(campaign, cfg.workers, Path(cfg.folder), dict(cfg.comparison))
-    for line in lines(report):
+    if cfg.suite not in SUITES:
+        raise InputError(f"suite={cfg.suite}: must be one of {', '.join(SUITES)}; set suite")
+    for line in SUITES[cfg.suite](cfg):
         log.info("%s", line)
-    log.info("written to %s", Path(cfg.folder) / "bench.json")
+    log.info("written to %s", cfg.folder)
 
 
 if __name__ == "__main__":

@@ -1,19 +1,26 @@
 """Train a model of the clearance: ``python -m clearance.train model=lstm sensors=rod``."""
 
 import logging
+import re
+from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
 from clearance.commands import command
 from clearance.errors import InputError
 from clearance.evaluation.evaluate import evaluate
+from clearance.models.estimator import Estimator
 from clearance.models.gauge import Calibration, Gauge
 from clearance.models.run_folder import METRICS, RunFolder, environment
+from clearance.models.together import fit_together, shareable
 from clearance.whole_files import read_json
+from clearance.windows.datamodule import WindowData
 
 log = logging.getLogger(__name__)
 
@@ -21,27 +28,80 @@ log = logging.getLogger(__name__)
 @command("train")
 def main(cfg: DictConfig) -> float | None:
     """Prepare the data, train, calibrate on the test recordings, judge, save; return the validation NMAE."""
-    config: Any = OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
+    each = [cfg] if cfg.seeds is None else [of_seed(cfg, seed) for seed in different(cfg.seeds)]
     # Everything is checked before anything is written or computed.
     instantiate(cfg.sensors)
-    data = instantiate(cfg.data, _convert_="all")
-    estimator = instantiate(cfg.model, _convert_="all")
-    metrics = instantiate(cfg.metrics)
-    calibration = Calibration(**cfg.calibration)
+    data = instantiate(each[0].data, _convert_="all")
+    estimators = [instantiate(one.model, _convert_="all") for one in each]
+    instantiate(cfg.metrics)
+    Calibration(**cfg.calibration)
+    if cfg.seeds is not None:
+        shareable(estimators)
     if cfg.begin is not None:
         if not (Path(cfg.begin) / METRICS).exists():
             raise InputError(f"begin={cfg.begin}: no finished training there; set begin to the folder of one")
-        estimator.begin(Path(cfg.begin))
+        for estimator in estimators:
+            estimator.begin(Path(cfg.begin))
 
-    run = RunFolder.open(Path(cfg.folder), config, cfg.seed, cfg.resume)
-    if run.finished:
-        log.info("%s is finished: resume=false trains again", run.path)
-        return read_json(run.path / METRICS)["validation"]["nmae"]
-
+    runs = [open_run(one) for one in each]
+    if all(run.finished for run in runs):
+        for run in runs:
+            log.info("%s is finished: resume=false trains again", run.path)
+        return validation_error(runs)
     data.prepare_data()
     data.setup()
-    seconds = estimator.fit(data, run)
+    if cfg.seeds is None:
+        judge(cfg, estimators[0], data, runs[0], estimators[0].fit(data, runs[0]), 1)
+        return validation_error(runs)
+    shared = open_run(cfg)
+    seconds = fit_together(shareable(estimators), data, runs, shared)
+    for one, estimator, run, spent in zip(each, estimators, runs, seconds, strict=True):
+        if not run.finished:
+            judge(one, estimator, data, run, spent, len(runs))
+    shared.drop_checkpoints()
+    return validation_error(runs)
 
+
+def different(seeds: Any) -> list[int]:
+    """Check the ``seeds`` to train together."""
+    found = list(seeds) if OmegaConf.is_list(seeds) else []
+    whole = all(type(seed) is int and 0 <= seed < 2**32 for seed in found)
+    if not found or not whole or len(set(found)) < len(found):
+        raise InputError(
+            f"seeds={seeds}: must be a list of different whole numbers from 0 to {2**32 - 1}; set seeds"
+        )
+    return found
+
+
+def of_seed(cfg: DictConfig, seed: int) -> DictConfig:
+    """What a training with ``seed`` alone would have been asked for, in the folder that it would have had.
+
+    Where the folder is not named by the overrides, it is one below that of all.
+    """
+    one = deepcopy(cfg)
+    path = Path(cfg.folder)
+    name = re.sub(r"\bseeds=\[[^\]]*\]", f"seed={seed}", path.name)
+    folder = path.with_name(name) if name != path.name else path / f"seed={seed}"
+    one.seed, one.seeds, one.folder = seed, None, str(folder)
+    return one
+
+
+def open_run(cfg: DictConfig) -> RunFolder:
+    """The folder of a training, with its configuration."""
+    return RunFolder.open(Path(cfg.folder), plain(cfg), cfg.seed, cfg.resume)
+
+
+def plain(cfg: DictConfig) -> dict[str, Any]:
+    """A configuration without interpolations."""
+    content: Any = OmegaConf.to_container(cfg, resolve=True, throw_on_missing=True)
+    return content
+
+
+def judge(
+    cfg: DictConfig, estimator: Estimator, data: WindowData, run: RunFolder, seconds: float, together: int
+) -> None:
+    """Calibrate and judge a trained estimator, and write the last of its run."""
+    calibration, metrics = Calibration(**cfg.calibration), instantiate(cfg.metrics)
     gauge = Gauge.calibrate(estimator, data, **asdict(calibration))
     gauge.save(run.path)
     validation = evaluate(gauge, data, data.validation_windows(), metrics)
@@ -49,12 +109,13 @@ def main(cfg: DictConfig) -> float | None:
     for name, figure in test.figures(f"{cfg.name}, test recordings").items():
         run.logger.experiment.add_figure(f"test/{name}", figure, close=False)
     scores = {f"test/{name}": value for name, value in test.metrics.items()}
-    run.logger.log_hyperparams(config, scores)
+    run.logger.log_hyperparams(plain(cfg), scores)
     run.finish(
         {
             "validation": validation.metrics,
             "test": test.metrics,
             "training_seconds": seconds,
+            "trained_together": together,
             "evaluation_seconds": test.seconds,
             "parameters": estimator.parameters,
             "seed": cfg.seed,
@@ -69,7 +130,11 @@ def main(cfg: DictConfig) -> float | None:
         test.metrics["recording_nmae"] * 1e4 * cfg.clearance_range, test.metrics["recording_nmae"],
         test.metrics["nmae"] * 1e4 * cfg.clearance_range, test.metrics["nmae"], seconds,
     )  # fmt: skip
-    return validation.metrics["nmae"]
+
+
+def validation_error(runs: Sequence[RunFolder]) -> float:
+    """Mean NMAE on the validation windows: what a sweep compares."""
+    return float(np.mean([read_json(run.path / METRICS)["validation"]["nmae"] for run in runs]))
 
 
 if __name__ == "__main__":

@@ -103,6 +103,10 @@ def test_simulate_with_other_settings_names_them(refused, campaign, tmp_path):
         ("sensors.channels=[rod_axial]", "'rod_axial' is not a channel; did you mean"),
         ("sensors.channels=[]", "no channel is listed"),
         ("seed=-1", r"seed = -1 is outside .*; change seed$"),
+        ("seeds=3", r"seeds=3: must be a list of different whole numbers from 0 to 4294967295; set seeds"),
+        ("seeds=[1,1]", r"seeds=\[1, 1\]: must be a list of different whole numbers"),
+        ("seeds=[]", r"seeds=\[\]: must be a list"),
+        ("seeds=[1,-2]", r"seeds=\[1, -2\]: must be a list"),
         ("split_seed=x", "seed = 'x' is not a number; change split_seed$"),
         ("trainer.epochs=0", r"epochs = 0 is outside \[1, 1e\+06\]; change trainer.epochs"),
         ("trainer.threads=0", r"threads = 0 is outside \[1, 1024\]; change trainer.threads"),
@@ -151,6 +155,11 @@ def test_train_names_what_is_wrong_with_its_data(refused, campaign, recording, t
     (tmp_path / "list.csv").write_text("path,clearance_b\nrun.parquet,1e-4\n")
     refused("train", words, *TREES, "data_seed=9", *data)
     assert not (tmp_path / "run/metrics.json").exists()
+
+
+def test_trees_are_not_trained_together(refused, tmp_path):
+    refused("train", "networks are trained together, and GradientBoosting is none", *TREES, "seeds=[1,2]")
+    assert not (tmp_path / "run/seed=1").exists()
 
 
 def test_train_does_not_replace_another_training_unasked(refused, trained, tmp_path):

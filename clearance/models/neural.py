@@ -3,7 +3,7 @@
 import logging
 import time
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
@@ -84,7 +84,7 @@ class NeuralEstimator:
         metrics: MetricCollection,
         gradient_clip: float | None = None,
     ) -> None:
-        self._make, self._training, self._metrics, self._clip = net, training, metrics, gradient_clip
+        self._make, self.training, self.metrics, self.gradient_clip = net, training, metrics, gradient_clip
         self._shape = (0, 0)  # channels, time steps
         self._begun: dict[str, torch.Tensor] = {}  # weights of another training
         if gradient_clip is not None:
@@ -104,65 +104,43 @@ class NeuralEstimator:
 
     def fit(self, data: WindowData, run: RunFolder) -> float:
         """Train until the validation loss stops falling, or go on from the last checkpoint of ``run``."""
-        plan = self._training
-        L.seed_everything(run.seed, verbose=False)
-        torch.backends.cudnn.deterministic, torch.backends.cudnn.benchmark = True, False
-        self._build(len(data.channels), data.windows.length)
-        if self._begun:
-            self._take(self._begun, "begin")
+        plan = self.training
+        self.initialize(data, run.seed)
         module = Regressor(
-            self.net, plan.loss, plan.optimizer, plan.schedule, self._metrics, data.scalers.target
+            self.net, plan.loss, plan.optimizer, plan.schedule, self.metrics, data.scalers.target
         )  # fmt: skip
         best = ModelCheckpoint(run.checkpoints, "best", monitor=plan.monitor, enable_version_counter=False)
-        newest = ModelCheckpoint(run.checkpoints, "last", enable_version_counter=False)
         timer = Timer(verbose=False)
         callbacks = [
             EarlyStopping(plan.monitor, patience=plan.patience),
             timer,
             best,
-            newest,
+            ModelCheckpoint(run.checkpoints, "last", enable_version_counter=False),
             LearningRateMonitor("epoch"),
         ]
-        callbacks.append(TQDMProgressBar(refresh_rate=10) if plan.progress else EpochLines())
-        last = run.checkpoints / "last.ckpt"
-        if last.exists():
-            log.info("going on from %s", last)
-        with efficient_processor(plan.threads), warnings.catch_warnings():
-            _quiet()
-            trainer = _trainer(
-                accelerator=plan.accelerator,
-                devices=1,
-                precision=plan.precision,
-                max_epochs=plan.epochs,
-                gradient_clip_val=self._clip,
-                callbacks=callbacks,
-                logger=run.logger,
-                plugins=[AtomicCheckpoints()],
-                enable_progress_bar=plan.progress,
-                enable_model_summary=False,
-                num_sanity_val_steps=0,
-                reload_dataloaders_every_n_epochs=1,
-                deterministic=True,
-                log_every_n_steps=1,
-            )
-            with suppress(SystemExit):  # Lightning's answer to Ctrl-C
-                trainer.fit(
-                    module, datamodule=data, ckpt_path=last if last.exists() else None, weights_only=True
-                )
-        if trainer.interrupted:
-            raise KeyboardInterrupt
+        run_lightning(
+            module, data, plan, run.checkpoints, callbacks,
+            logger=run.logger, gradient_clip_val=self.gradient_clip,
+        )  # fmt: skip
         weights = torch.load(best.best_model_path, map_location="cpu", weights_only=True)["state_dict"]
         module.load_state_dict(weights)
         log.info("best epoch: %s = %.6g", plan.monitor, best.best_model_score)
         self.net = module.net.cpu().eval()
         return float(timer.time_elapsed("train"))
 
+    def initialize(self, data: WindowData, seed: int) -> None:
+        """Build the network with its first weights: by chance from ``seed``, or those of ``begin``."""
+        L.seed_everything(seed, verbose=False)
+        self._build(len(data.channels), data.windows.length)
+        if self._begun:
+            self._take(self._begun, "begin")
+
     def predict(self, windows: WindowSet) -> np.ndarray:
         """Outputs in single precision, on the GPU where there is one."""
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         net = self.net.to(device).eval()
         outputs = []
-        with efficient_processor(self._training.threads), torch.inference_mode():
+        with efficient_processor(self.training.threads), torch.inference_mode():
             for index in torch.arange(len(windows)).split(_PREDICTED_AT_ONCE):
                 outputs.append(net(windows[index].signals.to(device)).float().cpu())
         self.net.cpu()
@@ -222,6 +200,43 @@ class AtomicCheckpoints(TorchCheckpointIO):
         write_atomically(Path(path), lambda file: file.write_bytes(content.getbuffer()))
 
 
+def run_lightning(
+    module: L.LightningModule,
+    data: L.LightningDataModule,
+    plan: Training,
+    checkpoints: Path,
+    callbacks: Sequence[L.Callback],
+    **settings: Any,
+) -> None:
+    """Train ``module`` as ``plan`` says, or go on from ``last.ckpt`` that one of ``callbacks`` keeps."""
+    torch.backends.cudnn.deterministic, torch.backends.cudnn.benchmark = True, False
+    progress = TQDMProgressBar(refresh_rate=10) if plan.progress else EpochLines()
+    last = checkpoints / "last.ckpt"
+    if last.exists():
+        log.info("going on from %s", last)
+    with efficient_processor(plan.threads), warnings.catch_warnings():
+        _quiet()
+        trainer = _trainer(
+            accelerator=plan.accelerator,
+            devices=1,
+            precision=plan.precision,
+            max_epochs=plan.epochs,
+            callbacks=[*callbacks, progress],
+            plugins=[AtomicCheckpoints()],
+            enable_progress_bar=plan.progress,
+            enable_model_summary=False,
+            num_sanity_val_steps=0,
+            reload_dataloaders_every_n_epochs=1,
+            deterministic=True,
+            log_every_n_steps=1,
+            **settings,
+        )
+        with suppress(SystemExit):  # Lightning's answer to Ctrl-C
+            trainer.fit(module, datamodule=data, ckpt_path=last if last.exists() else None, weights_only=True)
+    if trainer.interrupted:
+        raise KeyboardInterrupt
+
+
 def _trainer(**settings: Any) -> L.Trainer:
     try:
         return L.Trainer(**settings)
@@ -253,5 +268,6 @@ def _quiet() -> None:
         ".*does not have many workers.*",
         ".*exists and is not empty.*",
         ".*treespec.*LeafSpec.*",
+        ".*`srun` command is available.*",  # a training is one process, on a cluster too
     ):
         warnings.filterwarnings("ignore", message=message)

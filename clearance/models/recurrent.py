@@ -28,10 +28,12 @@ class RecurrentNetwork(nn.Module):
 
     def forward(self, signals: Tensor) -> Tensor:
         """(batch, time, channel) scaled -> (batch,) scaled clearance."""
-        batch, time, channels = signals.shape
-        steps = signals.reshape(batch, time // self.fold, self.fold * channels)
-        states, _ = self.recurrence(steps)
+        states, _ = self.recurrence(self.folded(signals))
         return self.output(states[:, -1]).squeeze(1)
+
+    def folded(self, signals: Tensor) -> Tensor:
+        """(..., time, channel) -> (..., time / fold, fold * channel): samples that are read as one step."""
+        return signals.unflatten(-2, (-1, self.fold)).flatten(-2)
 
 
 class LSTM(RecurrentNetwork):

@@ -60,8 +60,12 @@ class RunFolder:
     def finish(self, metrics: dict[str, Any]) -> None:
         """Write the metrics, the last file, and drop what only a resumption needs."""
         write_json(self.path / METRICS, metrics)
-        shutil.rmtree(self.checkpoints, ignore_errors=True)
+        self.drop_checkpoints()
         self.logger.finalize("success")
+
+    def drop_checkpoints(self) -> None:
+        """Remove what only a resumption needs."""
+        shutil.rmtree(self.checkpoints, ignore_errors=True)
 
 
 def _task(config: dict[str, Any]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Sequence
+from copy import copy
 
 import lightning as L
 import numpy as np
@@ -88,6 +89,12 @@ class WindowData(L.LightningDataModule):
             len(self.channels), recordings.signals.nbytes / 2**30,
         )  # fmt: skip
 
+    def reseeded(self, seed: int) -> "WindowData":
+        """The same recordings, shared in memory, with training windows placed and ordered by ``seed``."""
+        other = copy(self)
+        other.seed = seed
+        return other
+
     def training_windows(self, epoch: int = 0) -> WindowSet:
         """Windows to train with in an epoch, after the source has refreshed its recordings."""
         for index in self.source.refresh(self.recordings, epoch):
@@ -105,7 +112,8 @@ class WindowData(L.LightningDataModule):
     def train_dataloader(self) -> DataLoader[Batch]:
         """Shuffled batches of the current epoch; Lightning asks for them anew every epoch."""
         epoch = self.trainer.current_epoch if self.trainer else 0
-        return self._loader(self.training_windows(epoch), (self.seed, epoch))
+        windows = self.training_windows(epoch)
+        return self._loader(windows, self.training_order(len(windows), epoch))
 
     def val_dataloader(self) -> DataLoader[Batch]:
         """Batches of the validation windows, in order."""
@@ -114,6 +122,10 @@ class WindowData(L.LightningDataModule):
     def test_dataloader(self) -> DataLoader[Batch]:
         """Batches of the test windows, in order."""
         return self._loader(self.test_windows())
+
+    def training_order(self, windows: int, epoch: int) -> BatchOrder:
+        """Batches of an epoch's training windows."""
+        return BatchOrder(windows, self.batch_size, (self.seed, epoch))
 
     @property
     def _regular(self) -> RegularWindows:
@@ -132,6 +144,7 @@ class WindowData(L.LightningDataModule):
             length=plan.length,
         )
 
-    def _loader(self, windows: WindowSet, seed: tuple[int, int] | None = None) -> DataLoader[Batch]:
+    def _loader(self, windows: WindowSet, order: BatchOrder | None = None) -> DataLoader[Batch]:
         # Indexing memory is cheaper than sending batches between processes: no workers.
-        return DataLoader(windows, batch_size=None, sampler=BatchOrder(len(windows), self.batch_size, seed))
+        in_order = BatchOrder(len(windows), self.batch_size)
+        return DataLoader(windows, batch_size=None, sampler=order or in_order)
