@@ -4,6 +4,8 @@ References: Huber 1964, Ann. Math. Stat. 35(1), 73-101; Holland & Welsch 1977, C
 (weights, the Cauchy function among them).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 _ROBUST = 2.0  # times the scatter beyond which a bin loses weight
@@ -30,3 +32,9 @@ def regressed(columns: np.ndarray, left: np.ndarray, scatter: float) -> np.ndarr
 def cost_of(left: np.ndarray, scatter: float) -> float:
     """Robust mean square (Cauchy) of what is left, in units of its scatter."""
     return float((_ROBUST**2 * np.log1p((left / (_ROBUST * scatter)) ** 2)).mean())
+
+
+def scatter_of(parts: Sequence[np.ndarray]) -> float:
+    """Of a bin of what varies slowly, from how much it bends, in the same unit."""
+    bends = np.concatenate([np.diff(part, 2) for part in parts])
+    return float(1.4826 * np.median(np.abs(bends)) / np.sqrt(6.0))

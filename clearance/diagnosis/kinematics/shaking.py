@@ -9,11 +9,16 @@ variable filters).
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import bilinear, lfilter
 
-from clearance.diagnosis.sensing.measured import Measured
+from clearance.diagnosis.kinematics.regression import regressed, scatter_of
+from clearance.diagnosis.kinematics.rhythm import Needed, Rhythm, find_rhythm
+from clearance.diagnosis.sensing.measured import SAMPLES, Measured
+from clearance.mechanism.applied_force import shares
+from clearance.mechanism.frame import FlexibleFrame
 from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import Link, SliderCrank
 
@@ -26,6 +31,8 @@ NEEDED = (
 FOUND = ("frequency", "damping_ratio", "mass")
 """What they tell of the frame, by the names of its effect's parameters."""
 _SHOWN = 5.0  # times the noise: what the sensors at A feel of a frame that moves
+KNOTS = 24
+"""Over the period of a force that shakes the frame."""
 _CORNER = 100.0  # rad/s, of the filter
 _SETTLED = 6.0  # times its time constant, after which it has forgotten how the recording began
 
@@ -65,22 +72,115 @@ def measure_frame(
     Returns:
         ``None`` where a channel of ``NEEDED`` is not recorded, or what is found is no frame on springs.
     """
-    told = all(channel in one.channels for one in recordings for channel in NEEDED)
-    if not told or machine.parameters()[Parameter.SENSOR_CRANK_A] != 0.0:
+    if not _told(recordings, machine):
         return None
     parts = [_balance(one, *turns, machine) for one, turns in zip(recordings, turning, strict=True)]
-    rows, right = (np.concatenate(part) for part in zip(*parts, strict=True))
-    mass, damping, stiffness, *_ = np.linalg.lstsq(rows, right, rcond=None)[0]
+    both = [np.concatenate([part.real, part.imag]) for part in map(np.concatenate, zip(*parts, strict=True))]
+    rest = np.repeat(np.eye(2), len(both[0]) // 2, axis=0)  # what sensors err by all along
+    rows = np.column_stack([*both[:3], rest])
+    mass, damping, stiffness, *_ = np.linalg.lstsq(rows, both[3], rcond=None)[0]
     if not (mass > 0.0 and stiffness > 0.0):
         return None
     ratio = max(damping, 0.0) / (2.0 * np.sqrt(stiffness * mass))
     return np.array([np.sqrt(stiffness / mass) / (2.0 * np.pi), ratio, mass])
 
 
+@dataclass(frozen=True)
+class Shaking:
+    """A force on the frame that repeats by a clock of its own.
+
+    Attributes:
+        rhythm: its period, and the recordings' clocks.
+        direction: x or y.
+        forces: (KNOTS,) over a period, about their mean, which only moves the frame [N].
+        share: of the variance of what shakes the frame in that direction.
+    """
+
+    rhythm: Rhythm
+    direction: str
+    forces: np.ndarray
+    share: float
+
+
+def find_shaking(
+    recordings: Sequence[Measured], turning: Sequence[tuple[float, float]], machine: SliderCrank
+) -> Shaking | None:
+    """The repeating force that explains most of what shakes a frame that is known to give way.
+
+    ``None`` if none stands out from the noise of the sensors at A, or links have no sensors.
+
+    Args:
+        recordings: of one machine.
+        turning: angle of the crank at the first sample [rad] and its speed [rad/s] in each.
+        machine: with its frame.
+    """
+    if not (_told(recordings, machine) and isinstance(machine.frame, FlexibleFrame)):
+        return None
+    each = [_shaken_by(one, *turns, machine) for one, turns in zip(recordings, turning, strict=True)]
+    noise = max(one.sigma[[one.channels.index(channel) for channel in AT_A]].max() for one in recordings)
+    least = _SHOWN * machine.frame.mass * float(noise)
+    found = [_repeating(recordings, [force.real for force in each], "x", least)]
+    found += [_repeating(recordings, [force.imag for force in each], "y", least)]
+    return max([one for one in found if one is not None], key=lambda one: one.share, default=None)
+
+
+def _repeating(
+    recordings: Sequence[Measured], forces: Sequence[np.ndarray], direction: str, least: float
+) -> Shaking | None:
+    """The repeating force of (samples,) ``filtered`` ones in each recording, if it reaches ``least`` [N]."""
+    rate = recordings[0].chain.rate
+    count = [len(one.values.reshape(-1, len(one.channels))) for one in recordings]
+    times = [np.arange(samples) / rate for samples in count]
+    needed = []
+    for time, force in zip(times, forces, strict=True):
+        bins = len(force) // SAMPLES
+        mean = [x[-bins * SAMPLES :].reshape(bins, SAMPLES).mean(axis=1) for x in (time, force)]
+        needed.append(Needed(mean[0], np.ones(bins), mean[1], np.zeros((bins, 0))))
+    scatter = scatter_of([one.torque for one in needed])
+    rhythm = find_rhythm(needed, scatter)
+    if rhythm is None:
+        return None
+    rows = []
+    for time, clock in zip(times, rhythm.clocks, strict=True):
+        own = shares((time + clock) / rhythm.period * KNOTS, KNOTS, True, "cubic")
+        rows.append(np.stack([filtered(column, 0, rate) for column in own.T], axis=1))
+    columns, force = np.concatenate(rows), np.concatenate(forces)
+    found = regressed(columns, force, scatter)
+    given = columns @ found
+    if given.std() < least:
+        return None
+    share = 1.0 - float((force - given).var() / force.var())
+    return Shaking(rhythm, direction, found - found.mean(), share)
+
+
+def _shaken_by(one: Measured, angle: float, speed: float, machine: SliderCrank) -> np.ndarray:
+    """(samples,) force on a frame that is known to give way, as x + iy, ``filtered`` [N].
+
+    Args:
+        one: a recording, with the channels of ``NEEDED``.
+        angle: of the crank at its first sample [rad].
+        speed: of the crank [rad/s].
+        machine: with its frame.
+    """
+    frame = machine.frame
+    assert isinstance(frame, FlexibleFrame)
+    omega = 2.0 * np.pi * frame.frequency
+    acceleration, rate, place, asked = _balance(one, angle, speed, machine)
+    damped = 2.0 * frame.damping_ratio * omega * rate
+    force: np.ndarray = frame.mass * (acceleration + damped + omega**2 * place) - asked
+    return force
+
+
+def _told(recordings: Sequence[Measured], machine: SliderCrank) -> bool:
+    """Whether all links have the sensors that are needed, those at A in A."""
+    told = all(channel in one.channels for one in recordings for channel in NEEDED)
+    return bool(told and machine.parameters()[Parameter.SENSOR_CRANK_A] == 0.0)
+
+
 def _balance(
     one: Measured, angle: float, speed: float, machine: SliderCrank
-) -> tuple[np.ndarray, np.ndarray]:
-    """(samples, 5) what mass, damping, stiffness and constants in x and y give; (samples,) what is asked."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Each (samples,) as x + iy: the frame's acceleration, speed and place, and the force asked of it."""
     p = machine.parameters()
     values, rate = one.values.reshape(-1, len(one.channels)), one.chain.rate
     crank = angle + speed * np.arange(len(values)) / rate
@@ -103,14 +203,16 @@ def _balance(
         + weighed(machine.rod, felt("rod_b", rod), felt("rod_c", rod), p[Parameter.SENSOR_ROD_B :])
         + machine.slider.mass * sliding
     )
-    skipped = round(_SETTLED / _CORNER * rate)
+    return (
+        filtered(frame, 0, rate),
+        filtered(frame, 1, rate),
+        filtered(frame, 2, rate),
+        filtered(asked, 0, rate),
+    )
+
+
+def filtered(signal: np.ndarray, integrals: int, rate: float) -> np.ndarray:
+    """(samples,) of a signal and some integrals, high-pass filtered alike, once its begin is forgotten."""
     below = np.polymul([1.0, _CORNER], [1.0, _CORNER])
-    filters = [bilinear(above, below, rate) for above in ([1.0, 0.0, 0.0], [1.0, 0.0], [1.0])]
-    columns = [lfilter(*each, frame)[skipped:] for each in filters]
-    right = lfilter(*filters[0], asked)[skipped:]
-    one_each, none = np.ones(len(right)), np.zeros(len(right))
-    rows = np.concatenate([
-        np.stack([*(column.real for column in columns), one_each, none], axis=1),
-        np.stack([*(column.imag for column in columns), none, one_each], axis=1),
-    ])  # fmt: skip
-    return rows, np.concatenate([right.real, right.imag])
+    above = [1.0, *[0.0] * (2 - integrals)]
+    return lfilter(*bilinear(above, below, rate), signal)[round(_SETTLED / _CORNER * rate) :]

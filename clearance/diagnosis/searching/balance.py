@@ -23,11 +23,11 @@ from scipy.optimize import minimize_scalar
 from clearance.diagnosis.hypotheses.hypothesis import SMALLEST_CLEARANCE, Setting
 from clearance.diagnosis.kinematics.agreement import CLEARANCES, COMPARED, Alignment, agreement, loose
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
-from clearance.diagnosis.kinematics.regression import cost_of, regressed
+from clearance.diagnosis.kinematics.regression import cost_of, regressed, scatter_of
 from clearance.diagnosis.kinematics.turning import Turning, answer, binned
 from clearance.diagnosis.searching.geometry import GEOMETRIC
 from clearance.diagnosis.searching.search import Search
-from clearance.diagnosis.searching.work import EDGED, Balance, Balanced, beyond_ideal, scatter_of
+from clearance.diagnosis.searching.work import EDGED, Balance, Balanced, beyond_ideal
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.parameters import Parameter

@@ -8,14 +8,35 @@ import numpy as np
 from clearance.diagnosis.following.attempt import LOOSENESS, Attempt, explained
 from clearance.diagnosis.following.growth import Start
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE
-from clearance.diagnosis.searching.search import HALFWAY, Search
+from clearance.diagnosis.searching.search import HALFWAY, Search, beside
 from clearance.diagnosis.searching.work import DRIVE
 from clearance.diagnosis.shooting.model import Model
 
 _LOOKS = 3  # at all recordings
 _LESS = 0.8  # of the misfit of the look before: what leaves more is not looked at again
 _ASTRAY = 1.3  # times larger or smaller than another one: a clearance that means another path
+
+
+def fit_from(
+    search: Search,
+    explanation: Explanation,
+    base: Attempt,
+    hypotheses: Sequence[Hypothesis],
+    values: np.ndarray,
+    clearance: float,
+    anew: bool,
+    insist: int = 1,
+) -> Attempt | None:
+    """Fit hypotheses beside ``base`` from values and a clearance [m]; others as of ``fit_everywhere``."""
+    surest = int(np.argmin([start.doubt for start in search.starts]))
+    held, rows = beside(base, hypotheses, values)
+    row = rows[surest]
+    row[0] = clearance
+    return search.keep(
+        explanation, held, lambda: fit_everywhere(search, held, row, surest, base, anew, insist)
+    )
 
 
 def fit_everywhere(

@@ -1,4 +1,4 @@
-"""Effects at which the motion alone points: a frame that shakes, forces that its work needs, dimensions."""
+"""Effects at which the motion alone points: forces that its work needs, dimensions, lobes of a bearing."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -8,13 +8,12 @@ import numpy as np
 from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.hypotheses.missing_force import KNOTS
-from clearance.diagnosis.kinematics.shaking import FOUND, measure_frame, shakes
 from clearance.diagnosis.searching.balance import settle_in, suggest_forces
-from clearance.diagnosis.searching.everywhere import fit_everywhere
+from clearance.diagnosis.searching.everywhere import fit_from
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import refine_table
-from clearance.diagnosis.searching.geometry import FRAME, suggest_dimensions
-from clearance.diagnosis.searching.search import HALFWAY, NEARLY, Search, beside
+from clearance.diagnosis.searching.geometry import suggest_dimensions
+from clearance.diagnosis.searching.search import HALFWAY, NEARLY, Search
 from clearance.diagnosis.searching.wear import suggest_wear
 from clearance.diagnosis.searching.work import Balanced
 from clearance.errors import InputError
@@ -22,35 +21,6 @@ from clearance.errors import InputError
 _BESIDE = 2  # forces that are tried beside a part
 _FITTED, _PAIRS = 3, 5  # of the names that are suggested, of the tables too, and of pairs
 _NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
-
-
-def begin_frame(search: Search, explanation: Explanation) -> None:
-    """Fit a frame that gives way as the one does which the crank's sensors at A feel.
-
-    Where it does not explain, with a dimension with which the motion against the frame agrees better.
-    """
-    nominal, known = explanation.nominal, search.setting.machine
-    hypothesis = next((g[0] for g in search.groups.values() if g[0].name == FRAME), None)
-    if hypothesis is None or not hypothesis.structural(known) or explained(nominal):
-        return
-    turning = [(one.angle, one.speed) for one in search.alignments]
-    if not all(shakes(one, *turns) for one, turns in zip(search.recordings, turning, strict=True)):
-        return
-    measured = measure_frame(search.recordings, turning, known)
-    if measured is None:
-        return
-    shown = "{:.4g} Hz, a damping ratio of {:.2g} and {:.4g} kg".format(*measured)
-    search.report(f"  the frame shakes as one of {shown} would")
-    own = dict(zip(FOUND, measured, strict=True))
-    sizes = np.array([np.clip(own[u.name], u.low, u.high) for u in hypothesis.unknowns])
-    _fit(search, explanation, nominal, [hypothesis], sizes, search.profile.best, anew=False)
-    if explained(explanation.best) or search.late():
-        return
-    for one in suggest_dimensions(search, {}):
-        values = np.append(one.value, sizes)
-        _fit(search, explanation, nominal, [one.hypothesis, hypothesis], values, one.clearance, anew=True)
-        if explained(explanation.best) or search.late():
-            return
 
 
 def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
@@ -156,7 +126,7 @@ def begin_dimensions(search: Search, explanation: Explanation, channels: Mapping
     nominal, part = explanation.nominal, explanation.best
     for one in suggest_dimensions(search, channels):
         size = np.array([one.value])
-        _fit(search, explanation, nominal, [one.hypothesis], size, one.clearance, anew=False)
+        fit_from(search, explanation, nominal, [one.hypothesis], size, one.clearance, anew=False)
         if explained(explanation.best) or search.late():
             return
         if one.hypothesis.fault is not None:
@@ -176,7 +146,7 @@ def begin_dimensions(search: Search, explanation: Explanation, channels: Mapping
                 continue
             more, values, clearance = force.hypotheses, force.values, force.clearance
         sizes = np.append(size, values)
-        _fit(search, explanation, nominal, [one.hypothesis, *more], sizes, clearance, anew=True)
+        fit_from(search, explanation, nominal, [one.hypothesis, *more], sizes, clearance, anew=True)
         if explained(explanation.best) or search.late():
             return
 
@@ -197,7 +167,7 @@ def begin_wear(search: Search, explanation: Explanation, base: Attempt) -> None:
         f"  the motion agrees best with {one.hypothesis.label} = {shown} and a clearance of "
         f"{one.clearance * 1e3:.3f} mm: {one.share:.0%} of the disagreement are left"
     )
-    _fit(search, explanation, base, [one.hypothesis], one.values, one.clearance, anew=True)
+    fit_from(search, explanation, base, [one.hypothesis], one.values, one.clearance, anew=True)
 
 
 def _follow(
@@ -227,27 +197,7 @@ def _follow(
     # a moment is known least where it is largest, since it does no work there
     insist = 2 if one.curve is not None and one.curve.body == "rod" else 1
     with search.timed(one.rhythm):
-        return _fit(
+        return fit_from(
             search, explanation, explanation.nominal, [*held, *one.hypotheses],
             np.append(sizes, settled.values), settled.clearance, anew=True, insist=insist,
         )  # fmt: skip
-
-
-def _fit(
-    search: Search,
-    explanation: Explanation,
-    base: Attempt,
-    hypotheses: Sequence[Hypothesis],
-    values: np.ndarray,
-    clearance: float,
-    anew: bool,
-    insist: int = 1,
-) -> Attempt | None:
-    """Fit hypotheses beside ``base`` from values and a clearance [m]; others as of ``fit_everywhere``."""
-    surest = int(np.argmin([start.doubt for start in search.starts]))
-    held, rows = beside(base, hypotheses, values)
-    row = rows[surest]
-    row[0] = clearance
-    return search.keep(
-        explanation, held, lambda: fit_everywhere(search, held, row, surest, base, anew, insist)
-    )

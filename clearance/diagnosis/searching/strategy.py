@@ -19,7 +19,6 @@ from clearance.diagnosis.searching.from_motion import (
     begin_balanced,
     begin_beside,
     begin_dimensions,
-    begin_frame,
     begin_pairs,
     begin_wear,
 )
@@ -27,6 +26,7 @@ from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE, sugge
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.scrutiny import contest, scrutinise
 from clearance.diagnosis.searching.search import FAR, NEARLY, Search
+from clearance.diagnosis.searching.shaken import begin_frame, begin_shaking
 from clearance.diagnosis.searching.significance import incomplete, unsettled
 from clearance.diagnosis.searching.simplify import enlarge, prune, retry_nominal
 from clearance.diagnosis.searching.small_force import begin_small_force
@@ -73,7 +73,8 @@ def find_explanation(
         most: effects that may be missing together.
         keep: called after each step with what was found so far.
     """
-    if not explained(explanation.nominal):
+    begin_shaking(search, explanation)
+    if not explained(explanation.best):
         _search_all(search, explanation, most, keep)
     if explanation.best.misfit > _ROOM and not search.late():
         if explained(explanation.best):

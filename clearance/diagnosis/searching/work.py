@@ -16,7 +16,7 @@ from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.hypotheses.missing_force import KNOTS, Curve, curve_over, free_form, refined
 from clearance.diagnosis.kinematics.agreement import loose
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
-from clearance.diagnosis.kinematics.regression import cost_of, regressed
+from clearance.diagnosis.kinematics.regression import cost_of, regressed, scatter_of
 from clearance.diagnosis.kinematics.rhythm import Needed, Rhythm, find_rhythm
 from clearance.diagnosis.kinematics.rigid_motion import counts
 from clearance.diagnosis.kinematics.turning import Turning, answer, binned
@@ -103,12 +103,6 @@ def beyond_ideal(machine: SliderCrank, turning: Turning) -> np.ndarray:
     counted = machine.force if counts(machine.parameters()) else NoForce()
     inertia, acceleration = answer(replace(machine, drive=Free(), ripple=Smooth(), force=counted), turning)
     return binned(turning.torque - inertia * (turning.acceleration - acceleration))
-
-
-def scatter_of(parts: Sequence[np.ndarray]) -> float:
-    """Of a bin of torques, from how much they bend [N m]."""
-    bends = np.concatenate([np.diff(part, 2) for part in parts])
-    return float(1.4826 * np.median(np.abs(bends)) / np.sqrt(6.0))
 
 
 class Balance:

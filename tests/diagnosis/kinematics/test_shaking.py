@@ -7,7 +7,8 @@ import pytest
 
 from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.kinematics.reconstruction import _steadied
-from clearance.diagnosis.kinematics.shaking import measure_frame, shakes
+from clearance.diagnosis.kinematics.shaking import find_shaking, measure_frame, shakes
+from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.frame import FlexibleFrame
 from clearance.simulation.layout import Result, Signal, State
 from tests.diagnosis.kinematics.test_reconstruction import CHAIN, SENSORS, aligned, machine, recorded, run
@@ -75,3 +76,22 @@ def test_nothing_is_measured_where_a_link_has_no_sensors():
     measured, states = recorded(machine("C", 4e-4, frame=SOFT), sensors=(*AT_A, *SENSORS[:-1]))
     known = aligned(states)
     assert measure_frame([measured], [(known.angle, known.speed)], machine("C", 1e-4)) is None
+
+
+def test_a_force_that_shakes_a_known_frame_is_read_off_the_balance():
+    wave = tuple(40.0 * np.sin(2.0 * np.pi * np.arange(12) / 12))
+    force = TabulatedForce("frame", "x", "time", 0.0, None, wave, "cubic", 0.06)
+    found = []
+    for acting in ({}, {"force": force}):
+        made = machine("C", 3e-4, frame=SOFT, **acting)
+        measured, states = recorded(made, sensors=(*AT_A, *SENSORS))
+        known = aligned(states)
+        found.append(find_shaking([measured], [(known.angle, known.speed)], machine("C", 1e-4, frame=SOFT)))
+    nothing, shaking = found
+    assert nothing is None
+    assert shaking.share > 0.9
+    assert shaking.direction == "x"
+    assert shaking.rhythm.period == pytest.approx(0.06, rel=0.01)
+    assert np.ptp(shaking.forces) == pytest.approx(80.0, rel=0.1)
+    on_the_ground = machine("C", 1e-4)
+    assert find_shaking([measured], [(known.angle, known.speed)], on_the_ground) is None

@@ -40,7 +40,7 @@ def test_pairs_are_followed_until_one_nearly_explains(monkeypatch, right, count)
         return attempt(["both"], 1.0 if tried[-1] == {"slider_spring", right} else 700.0)
 
     monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
-    monkeypatch.setattr(from_motion, "_fit", fit)
+    monkeypatch.setattr(from_motion, "fit_from", fit)
     search = SimpleNamespace(
         setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext()
     )
@@ -72,7 +72,7 @@ def test_beside_a_part_the_balance_of_work_is_asked_again(monkeypatch, misfit, f
     monkeypatch.setattr(from_motion, "suggest_forces", suggest)
     monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
     monkeypatch.setattr(from_motion, "same", lambda one, other: one.name == other.name)
-    monkeypatch.setattr(from_motion, "_fit", fit)
+    monkeypatch.setattr(from_motion, "fit_from", fit)
     setting = Setting("machine", "C")
     search = SimpleNamespace(
         setting=setting, profile=SimpleNamespace(best=3e-4), late=lambda: False, report=lambda _: None,

@@ -1,0 +1,84 @@
+"""A frame that the crank's sensors at A feel moving: one that gives way, or one that something shakes."""
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import Attempt, explained, refine
+from clearance.diagnosis.hypotheses.missing_force import Curve, free_form
+from clearance.diagnosis.kinematics.shaking import FOUND, KNOTS, find_shaking, measure_frame, shakes
+from clearance.diagnosis.searching.everywhere import fit_from
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.geometry import FRAME, suggest_dimensions
+from clearance.diagnosis.searching.search import Search
+
+_TOLD = 0.5  # of the variance of what shakes the frame, that a rhythm explains at least
+
+
+def begin_frame(search: Search, explanation: Explanation) -> None:
+    """Fit a frame that gives way as the one does which the crank's sensors at A feel.
+
+    Where it does not explain, with a dimension with which the motion against the frame agrees better.
+    """
+    nominal, known = explanation.nominal, search.setting.machine
+    hypothesis = next((g[0] for g in search.groups.values() if g[0].name == FRAME), None)
+    if hypothesis is None or not hypothesis.structural(known) or explained(nominal):
+        return
+    turning = _turning(search)
+    if not all(shakes(one, *turns) for one, turns in zip(search.recordings, turning, strict=True)):
+        return
+    measured = measure_frame(search.recordings, turning, known)
+    if measured is None:
+        return
+    shown = "{:.4g} Hz, a damping ratio of {:.2g} and {:.4g} kg".format(*measured)
+    search.report(f"  the frame shakes as one of {shown} would")
+    own = dict(zip(FOUND, measured, strict=True))
+    sizes = np.array([np.clip(own[u.name], u.low, u.high) for u in hypothesis.unknowns])
+    fit_from(search, explanation, nominal, [hypothesis], sizes, search.profile.best, anew=False)
+    if explained(explanation.best) or search.late():
+        return
+    for one in suggest_dimensions(search, {}):
+        values = np.append(one.value, sizes)
+        fit_from(search, explanation, nominal, [one.hypothesis, hypothesis], values, one.clearance, anew=True)
+        if explained(explanation.best) or search.late():
+            return
+
+
+def begin_shaking(search: Search, explanation: Explanation) -> None:
+    """Fit a force over time that shakes a frame which is known to give way, where the balance shows one.
+
+    Whatever the nominal machine leaves: from segment to segment a frame that is pushed looks free.
+    """
+    found = find_shaking(search.recordings, _turning(search), search.setting.machine)
+    if found is None or found.share < _TOLD:
+        return
+    period, none, most = found.rhythm.period, np.zeros(KNOTS), np.abs(found.forces).max()
+    search.report(
+        f"  a force of {most:.3g} N at most on the frame ({found.direction}) that repeats every "
+        f"{period * 1e3:.5g} ms gives {found.share:.1%} of what shakes it"
+    )
+    curve = Curve(
+        "frame", found.direction, "time", period * np.arange(KNOTS) / KNOTS, found.forces, none, 0.0, 0.0,
+        "cubic", period,
+    )  # fmt: skip
+    with search.timed(found.rhythm):
+        pushed = fit_from(
+            search, explanation, explanation.nominal, [free_form(curve, search.setting.joint)], found.forces,
+            search.profile.best, anew=True,
+        )  # fmt: skip
+    if pushed is not None and explained(explanation.nominal):
+        _on_the_path_of(pushed, search, explanation)
+
+
+def _on_the_path_of(pushed: Attempt, search: Search, explanation: Explanation) -> None:
+    """Fit the nominal machine to the same stretches: a whole period is followed with a force that repeats."""
+    model, values = search.setting.model(), pushed.fit.values[:, [0, -1]]
+    nominal = search.finished.attempt(
+        (), model, lambda: refine((), model, pushed.followers, values, pushed.scale, 8, search.workers),
+        search.workers,
+    )  # fmt: skip
+    if nominal is not None:
+        explanation.nominal = nominal
+        search.report(f"nominal, on the path of {pushed.label}: misfit {nominal.misfit:.3g}")
+
+
+def _turning(search: Search) -> list[tuple[float, float]]:
+    return [(one.angle, one.speed) for one in search.alignments]
