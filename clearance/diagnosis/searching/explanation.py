@@ -52,6 +52,7 @@ class Explanation:
         attempts: hypotheses that were fitted, best first.
         hints: of the first screening.
         suspected: a force without a name that explains more than others, if one does.
+        shaken: whether the balance of forces on a known frame shows one without a name.
         rails: between which the slider moves, if it does and not all recordings are followed so.
         shown: the machine between these rails, where none that was followed explains the recordings.
         agreed: joint, and the clearance in it at which the motion agrees best [m], whatever the forces.
@@ -65,6 +66,7 @@ class Explanation:
     attempts: list[Attempt] = field(default_factory=list)
     hints: list[Hint] = field(default_factory=list)
     suspected: Suspected | None = None
+    shaken: bool = False
     rails: Rails | None = None
     shown: Attempt | None = None
     agreed: tuple[str, float] | None = None

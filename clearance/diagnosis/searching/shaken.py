@@ -6,7 +6,7 @@ from clearance.diagnosis.following.attempt import Attempt, explained, refine
 from clearance.diagnosis.hypotheses.missing_force import Curve, free_form
 from clearance.diagnosis.kinematics.shaking import FOUND, KNOTS, find_shaking, measure_frame, shakes
 from clearance.diagnosis.searching.everywhere import fit_from
-from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.explanation import Explanation, Suspected
 from clearance.diagnosis.searching.geometry import FRAME, suggest_dimensions
 from clearance.diagnosis.searching.search import Search
 
@@ -55,6 +55,8 @@ def begin_shaking(search: Search, explanation: Explanation) -> None:
         f"  a force of {most:.3g} N at most on the frame ({found.direction}) that repeats every "
         f"{period * 1e3:.5g} ms gives {found.share:.1%} of what shakes it"
     )
+    explanation.shaken = True
+    explanation.suspected = Suspected("frame", found.direction, explanation.nominal.misfit)
     curve = Curve(
         "frame", found.direction, "time", period * np.arange(KNOTS) / KNOTS, found.forces, none, 0.0, 0.0,
         "cubic", period,

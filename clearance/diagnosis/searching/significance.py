@@ -75,7 +75,8 @@ def _stretches(attempt: Attempt) -> list[tuple[str, int, int]]:
 def suspicious(explanation: Explanation) -> bool:
     """Whether the nominal machine is further off than any on which nothing is missing, though it follows."""
     score = explanation.hints[0].gain if explanation.hints else 0.0
-    return (score > SURE and not usual(explanation)) or explanation.nominal.misfit > CALM
+    sure = score > SURE and not usual(explanation)
+    return sure or explanation.shaken or explanation.nominal.misfit > CALM
 
 
 def usual(explanation: Explanation) -> bool:

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from clearance.diagnosis.judging.verdict import place_of, verdict_of
 from clearance.diagnosis.searching import significance
-from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.explanation import Explanation, Suspected
 from clearance.diagnosis.searching.significance import null_scores, p_value, suspicious, usual
 from tests.diagnosis.judging.test_verdict import attempt
 
@@ -32,6 +33,18 @@ def test_what_simulations_show_as_often_is_usual(simulated, expected):
     explanation = Explanation(attempt([], 1.0), hints=hints, simulated=simulated)
     assert usual(explanation) == expected
     assert suspicious(explanation) != expected
+
+
+def test_a_force_that_the_balance_on_the_frame_shows_is_not_nothing():
+    """From segment to segment a frame that is pushed looks free: the nominal machine explains."""
+    nominal = attempt([], 1.1)
+    for shaken, expected in ((False, "none"), (True, "unknown")):
+        explanation = Explanation(
+            nominal, shaken=shaken, suspected=Suspected("frame", "x", 1.1) if shaken else None
+        )
+        assert suspicious(explanation) == shaken
+        assert verdict_of(explanation) == expected
+        assert place_of(explanation) == (("frame", "x") if shaken else (None, None))
 
 
 def test_the_scores_were_measured():
