@@ -34,8 +34,8 @@ test-all: $(READY) lint type arch  ## the long checks too
 	OMP_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile
 
 lint: $(READY)   ## style, imports, docstrings
-	$(BIN)/ruff check clearance tests
-	$(BIN)/ruff format --check clearance tests
+	$(BIN)/ruff check clearance hydra_plugins tests
+	$(BIN)/ruff format --check clearance hydra_plugins tests
 type: $(READY)   ## static types
 	$(RUN) mypy
 arch: $(READY)   ## layers: nothing imports upward

@@ -49,7 +49,7 @@ def main(cfg: DictConfig) -> float | None:
     for name, figure in test.figures(f"{cfg.name}, test recordings").items():
         run.logger.experiment.add_figure(f"test/{name}", figure, close=False)
     scores = {f"test/{name}": value for name, value in test.metrics.items()}
-    run.logger.log_hyperparams(config, scores)
+    run.compare(config, scores)
     run.finish(
         {
             "validation": validation.metrics,

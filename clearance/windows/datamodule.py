@@ -104,8 +104,10 @@ class WindowData(L.LightningDataModule):
 
     def train_dataloader(self) -> DataLoader[Batch]:
         """Shuffled batches of the current epoch; Lightning asks for them anew every epoch."""
-        epoch = self.trainer.current_epoch if self.trainer else 0
-        return self._loader(self.training_windows(epoch), (self.seed, epoch))
+        epoch, share = 0, (0, 1)
+        if self.trainer:
+            epoch, share = self.trainer.current_epoch, (self.trainer.global_rank, self.trainer.world_size)
+        return self._loader(self.training_windows(epoch), (self.seed, epoch), share)
 
     def val_dataloader(self) -> DataLoader[Batch]:
         """Batches of the validation windows, in order."""
@@ -132,6 +134,9 @@ class WindowData(L.LightningDataModule):
             length=plan.length,
         )
 
-    def _loader(self, windows: WindowSet, seed: tuple[int, int] | None = None) -> DataLoader[Batch]:
+    def _loader(
+        self, windows: WindowSet, seed: tuple[int, int] | None = None, share: tuple[int, int] = (0, 1)
+    ) -> DataLoader[Batch]:
         # Indexing memory is cheaper than sending batches between processes: no workers.
-        return DataLoader(windows, batch_size=None, sampler=BatchOrder(len(windows), self.batch_size, seed))
+        order = BatchOrder(len(windows), self.batch_size, seed, share)
+        return DataLoader(windows, batch_size=None, sampler=order)
