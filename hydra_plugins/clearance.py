@@ -1,7 +1,7 @@
 """A sweep whose jobs fail alone: a plugin of Hydra's, which finds it by the name of this folder.
 
-``conf/hydra/_plugins.yaml`` puts it in the place of Hydra's own sweeper, which ends with the error of the first
-job that failed and says nothing of the others.
+``conf/hydra/_plugins.yaml`` puts it in the place of Hydra's own sweeper, which ends with the error of the
+first job that failed and says nothing of the others.
 """
 
 import sys
@@ -10,6 +10,7 @@ from typing import Any
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.utils import JobReturn, JobStatus
+from hydra.errors import HydraException
 from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
@@ -40,7 +41,10 @@ class Sweeper(BasicSweeper):
 
 
 class _Separating(Launcher):
-    """Any launcher; it returns the jobs that were completed and keeps those that failed."""
+    """Any launcher; it returns the jobs that were completed and keeps those that failed.
+
+    A process that is killed, or a queue that takes no job, ends the launcher, which tells so in many words.
+    """
 
     def __init__(self, launcher: Launcher) -> None:
         self._launcher = launcher
@@ -50,6 +54,12 @@ class _Separating(Launcher):
         """Nothing: the launcher is set up already."""
 
     def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
-        returned = self._launcher.launch(job_overrides, initial_job_idx)
+        try:
+            returned = self._launcher.launch(job_overrides, initial_job_idx)
+        except RuntimeError as error:  # of submitit and of joblib alike
+            reason = " ".join(str(error).split("\n")[:2])  # after them the job's whole log
+            raise HydraException(
+                f"{reason}; jobs that are queued go on, and the same command runs what is missing then"
+            ) from error
         self.failed += [one for one in returned if one.status is JobStatus.FAILED]
         return [one for one in returned if one.status is JobStatus.COMPLETED]
