@@ -5,14 +5,18 @@ Slurm notices that its node is gone.
 """
 
 import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
 from clearance.recording.dataset import Dataset
+from clearance.trial.conceal import conceal, names_of
 from tests.command_line import SMALL, command, environment, launch
 from tests.slurm.one_node import OneNode, missing, wait_until
+from tests.trial.conftest import SCOPE, TOOL
 
 pytestmark = pytest.mark.slurm
 
@@ -113,3 +117,15 @@ def test_a_sweep_of_which_a_job_is_preempted_gives_the_same_weights(slurm, submi
     assert once.keys() == again.keys()
     for name, weight in once.items():
         np.testing.assert_array_equal(again[name], weight, err_msg=name)
+
+
+def test_the_cases_of_a_trial_are_divided_among_jobs(submitted, tmp_path):
+    public = tmp_path / "public"
+    conceal(SCOPE, 11, public, tmp_path / "sealed", 1, lambda line: None)
+    answers = tmp_path / "answers.json"
+    answers.write_text("{}")
+    program = f"program=[{sys.executable},{TOOL},{answers}]"
+    parts = ("stage=diagnose", "shard=1/2,2/2", "arguments=[]", f"folder={public}", program)
+    finished(submitted("trial", *parts), tmp_path)
+    assert {path.parent.name for path in public.glob("verdicts/*/verdict.json")} == set(names_of(public))
+    assert sorted(Path(f"{answers}.log").read_text().split()) == sorted(names_of(public))  # each once
