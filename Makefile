@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 RUN := $(BIN)/python -m
 
-.PHONY: help train test test-all lint type arch simulate diagnose trial detectability bench results tensorboard wheel clean
+.PHONY: help train test test-all test-slurm lint type arch simulate diagnose trial detectability bench results tensorboard wheel clean
 
 help:            ## list the targets
 	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 16
@@ -28,14 +28,17 @@ trial: $(READY)  ## diagnose 12 machines whose truth is sealed, then reveal and 
 	$(RUN) clearance.trial
 
 test: $(READY) lint type arch  ## everything that must pass before a change lands (under 10 minutes on two cores)
-	OMP_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile -m 'not slow and not gpu'
+	OMP_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile -m 'not slow and not gpu and not slurm'
 
 test-all: $(READY) lint type arch  ## the long checks too
-	OMP_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile
+	OMP_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile -m 'not slurm'
+
+test-slurm: $(READY)  ## run a simulation and a sweep through a Slurm of one node (apt-get install slurm-wlm munge)
+	OMP_NUM_THREADS=1 $(RUN) pytest -m slurm tests/slurm
 
 lint: $(READY)   ## style, imports, docstrings
-	$(BIN)/ruff check clearance tests
-	$(BIN)/ruff format --check clearance tests
+	$(BIN)/ruff check clearance hydra_plugins tests
+	$(BIN)/ruff format --check clearance hydra_plugins tests
 type: $(READY)   ## static types
 	$(RUN) mypy
 arch: $(READY)   ## layers: nothing imports upward

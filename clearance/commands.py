@@ -15,17 +15,26 @@ from types import FrameType
 from typing import Any, NoReturn
 
 import hydra
+from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from clearance.configuration import CONFIGURATION, with_mechanism_file
+from clearance.configuration import CONFIGURATION, set_defaults_of_plugins, with_mechanism_file
 from clearance.errors import InputError
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _UNKNOWN_KEY = re.compile(r"the key that ends in '(\w+)'")
 _PATH_WITH_KEYS = re.compile(r"""([\w.]+)=([^'"\[{$(][^'"]*=[^'"]*)""")
-_UNQUOTED = re.compile(r"(no viable alternative|mismatched input|extraneous input).*=")
+_HINTS = {
+    re.compile(r"(no viable alternative|mismatched input|extraneous input).*="): (
+        "; inside a list or mapping, a value with = needs quotes: 'key=[\"a=1\"]'"
+    ),
+    re.compile(r"Could not find 'hydra/(launcher|sweeper)/"): (
+        "; joblib, submitit_slurm and optuna come with pip install 'clearance[sweeps]'"
+    ),
+}
 _BACKGROUND = re.compile(r"Config search path:.*|\s*object_type=.*|See https://\S+.*")
 
 
@@ -43,7 +52,8 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
         @wraps(task)
         def guarded(cfg: DictConfig) -> Any:
             # Here too: Hydra adds a line of its own to what leaves a job. A copy: instantiating changes cfg.
-            with _reported(deepcopy(cfg)):
+            several = HydraConfig.get().mode is RunMode.MULTIRUN
+            with (_failing_alone if several else _reported)(deepcopy(cfg)):
                 return task(cfg)
 
         run = hydra.main(version_base="1.3", config_path=str(CONFIGURATION), config_name=name)(guarded)
@@ -55,6 +65,7 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
             signal.signal(signal.SIGTERM, _terminated)
             try:
                 with _reported():
+                    set_defaults_of_plugins()
                     sys.argv[1:] = [_quoted(with_mechanism_file(argument)) for argument in sys.argv[1:]]
                     return run()
             finally:
@@ -113,6 +124,23 @@ def _terminated(number: int, frame: FrameType | None) -> NoReturn:
     raise KeyboardInterrupt
 
 
+@contextmanager
+def _failing_alone(cfg: DictConfig) -> Iterator[None]:
+    """A job of a sweep says what is wrong with it; the process goes on with the next one."""
+    try:
+        yield
+    except Exception as error:
+        if any(isinstance(link, KeyboardInterrupt) for link in _chain(error)):
+            raise KeyboardInterrupt from None
+        logger, wrong = logging.getLogger(__name__), _wrong_input(error, cfg)
+        if wrong is None:
+            logger.exception("failed")
+            # Another type: not every exception can be sent from one process to another.
+            raise RuntimeError(f"{type(error).__name__}: {_one_line(error)}") from None
+        logger.error("failed: %s", wrong)
+        raise InputError(wrong) from None
+
+
 def _interrupted() -> NoReturn:
     sys.stderr.write("interrupted; the same command goes on from here\n")
     raise SystemExit(130) from None
@@ -138,8 +166,8 @@ def _wrong_input(error: BaseException, cfg: DictConfig | None) -> str | None:
             return _with_full_keys(_one_line(link), chain, cfg)
     for link in chain:
         if isinstance(link, HydraException | OmegaConfBaseException):
-            hint = "; inside a list or mapping, a value with = needs quotes: 'key=[\"a=1\"]'"
-            return _one_line(link) + (hint if _UNQUOTED.search(str(link)) else "")
+            hints = [hint for pattern, hint in _HINTS.items() if pattern.search(str(link))]
+            return _one_line(link) + "".join(hints)
         if isinstance(link, OSError) and link.errno is not None:
             remedy = "make room or choose another path" if link.errno in _FULL else "choose another path"
             return f"{link.filename or 'the output'}: {link.strerror}; {remedy}"

@@ -3,10 +3,13 @@
 import hashlib
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
+from hydra.core.plugins import Plugins
+from hydra.plugins.config_source import ConfigLoadError
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
@@ -62,6 +65,22 @@ def _add_mechanism(path: Path) -> str:
     name = f"{re.sub(r'[^0-9A-Za-z_-]', '_', path.stem)}-{hashlib.sha256(text).hexdigest()[:8]}"
     ConfigStore.instance().store(name=name, node=node, group="mechanism", provider=str(path))
     return name
+
+
+def set_defaults_of_plugins() -> None:
+    """Let the values of ``conf/hydra/_plugins.yaml`` replace the plugins' own, where these are installed.
+
+    Not by files in ``conf/hydra/launcher``: Hydra refuses a file beside a plugin's schema of the same name.
+    """
+    Plugins.instance()  # on the first call plugins store their configurations
+    store = ConfigStore.instance()
+    content: Any = OmegaConf.load(CONFIGURATION / "hydra/_plugins.yaml")
+    for group, options in content.items():
+        for name, values in options.items():
+            with suppress(ConfigLoadError):
+                stored = store.load(f"hydra/{group}/{name}.yaml")
+                node = OmegaConf.merge(stored.node, values)
+                store.store(name, node, f"hydra/{group}", stored.package, stored.provider)
 
 
 def targets(node: Any) -> Iterator[Any]:

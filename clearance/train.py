@@ -109,7 +109,7 @@ def judge(
     for name, figure in test.figures(f"{cfg.name}, test recordings").items():
         run.logger.experiment.add_figure(f"test/{name}", figure, close=False)
     scores = {f"test/{name}": value for name, value in test.metrics.items()}
-    run.logger.log_hyperparams(plain(cfg), scores)
+    run.compare(plain(cfg), scores)
     run.finish(
         {
             "validation": validation.metrics,

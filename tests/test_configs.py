@@ -8,6 +8,8 @@ import pytest
 import torch
 import yaml
 from hydra import compose, initialize_config_dir
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import InstantiationException
 from hydra.utils import get_object, instantiate
 
@@ -15,7 +17,9 @@ from clearance.commands import CONFIGURATION
 from clearance.provenance import describe
 
 COMMANDS = sorted(path.stem for path in CONFIGURATION.glob("*.yaml") if path.stem != "machine")
-GROUPS = sorted(path.name for path in CONFIGURATION.iterdir() if path.is_dir() and path.name != "effect")
+GROUPS = sorted(
+    path.name for path in CONFIGURATION.iterdir() if path.is_dir() and path.name not in ("effect", "hydra")
+)
 OPTIONS = sorted(
     (str(path.parent.relative_to(CONFIGURATION)), path.stem)
     for path in CONFIGURATION.glob("*/**/*.yaml")
@@ -35,17 +39,23 @@ def composed(command, *overrides):
 
 
 SHOWN = [
-    line for line in (CONFIGURATION.parent / "README.md").read_text().splitlines()
-    if line.startswith("python -m clearance.")
+    line for page in ("README.md", "docs/scaling.md")
+    for line in (CONFIGURATION.parent / page).read_text().splitlines()
+    if line.startswith("python -m clearance.") and "hydra/sweeper" not in line  # in test_sweeps
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("line", SHOWN)
 def test_the_commands_that_are_shown_are_understood(line):
     _, _, module, *overrides = shlex.split(line, comments=True)
-    sweep = "-m" in overrides
-    each = [one.split(",")[0] if sweep and "[" not in one else one for one in overrides if one != "-m"]
-    assert composed(module.removeprefix("clearance."), *each)
+    for plugin in ("joblib", "submitit"):
+        if any(one.startswith(f"hydra/launcher={plugin}") for one in overrides):
+            pytest.importorskip(f"hydra_plugins.hydra_{plugin}_launcher")
+    if "-m" in overrides:
+        overrides.remove("-m")
+        (jobs,) = BasicSweeper.split_arguments(OverridesParser.create().parse_overrides(overrides), None)
+        overrides = jobs[0]
+    assert composed(module.removeprefix("clearance."), *overrides)
 
 
 @cache

@@ -1,10 +1,11 @@
 """Networks as estimators: training with early stopping, resumption, and weights as plain arrays."""
 
 import logging
+import sys
 import time
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -54,13 +55,15 @@ class Training:
     monitor: str = "val/loss"  # chooses the epoch whose weights are kept
     precision: str = "32-true"  # of Lightning: bf16-mixed computes products in 16 bits
     accelerator: str = "auto"
+    devices: int | None = None  # GPUs, or processes without one, that share each batch; null: one
     threads: int | None = None  # of the processor; null takes all that this process may use, 8 at most
     progress: bool = True
 
     def __post_init__(self) -> None:
         require(self, 1, 1e6, whole=True, epochs=self.epochs, patience=self.patience)
-        if self.threads is not None:
-            require(self, 1, 1024, whole=True, threads=self.threads)
+        for name in ("devices", "threads"):
+            if getattr(self, name) is not None:
+                require(self, 1, 1024, whole=True, **{name: getattr(self, name)})
         try:
             self.optimizer([nn.Parameter(torch.zeros(1))])
         except (TypeError, ValueError) as error:
@@ -117,16 +120,22 @@ class NeuralEstimator:
             best,
             ModelCheckpoint(run.checkpoints, "last", enable_version_counter=False),
             LearningRateMonitor("epoch"),
+            OfDevice(plan.threads),
         ]
         run_lightning(
             module, data, plan, run.checkpoints, callbacks,
             logger=run.logger, gradient_clip_val=self.gradient_clip,
         )  # fmt: skip
-        weights = torch.load(best.best_model_path, map_location="cpu", weights_only=True)["state_dict"]
-        module.load_state_dict(weights)
-        log.info("best epoch: %s = %.6g", plan.monitor, best.best_model_score)
+        # What the callbacks know is in the checkpoint; of spawned processes' it is nowhere else.
+        last, chosen = (
+            torch.load(run.checkpoints / f"{name}.ckpt", map_location="cpu", weights_only=True)
+            for name in ("last", "best")
+        )
+        told = last["callbacks"]
+        module.load_state_dict(chosen["state_dict"])
+        log.info("best epoch: %s = %.6g", plan.monitor, told[best.state_key]["best_model_score"])
         self.net = module.net.cpu().eval()
-        return float(timer.time_elapsed("train"))
+        return float(told[timer.state_key]["time_elapsed"]["train"])
 
     def initialize(self, data: WindowData, seed: int) -> None:
         """Build the network with its first weights: by chance from ``seed``, or those of ``begin``."""
@@ -218,7 +227,10 @@ def run_lightning(
         _quiet()
         trainer = _trainer(
             accelerator=plan.accelerator,
-            devices=1,
+            devices=plan.devices or 1,
+            # Spawned processes: this one goes on alone with what they have written.
+            strategy="ddp_spawn" if (plan.devices or 1) > 1 else "auto",
+            use_distributed_sampler=False,  # BatchOrder shares the windows out
             precision=plan.precision,
             max_epochs=plan.epochs,
             callbacks=[*callbacks, progress],
@@ -241,7 +253,25 @@ def _trainer(**settings: Any) -> L.Trainer:
     try:
         return L.Trainer(**settings)
     except (TypeError, ValueError, MisconfigurationException) as error:
-        raise InputError(f"{error}; change trainer.accelerator or trainer.precision") from error
+        raise InputError(f"{error}; change trainer.accelerator, devices or precision") from error
+
+
+class OfDevice(L.Callback):
+    """Gives a process that was started for one of several devices what this one has: processor and log."""
+
+    def __init__(self, threads: int | None) -> None:
+        self._threads = threads
+
+    def setup(self, trainer: L.Trainer, pl_module: L.LightningModule, stage: str) -> None:
+        """Set them until the process ends."""
+        if trainer.world_size > 1:
+            self._settings = ExitStack()
+            self._settings.enter_context(efficient_processor(self._threads))
+            _quiet()
+            logging.basicConfig(
+                level=logging.INFO, stream=sys.stdout,
+                format="[%(asctime)s][%(name)s][%(levelname)s] - %(message)s",
+            )  # fmt: skip
 
 
 class EpochLines(L.Callback):
@@ -253,6 +283,8 @@ class EpochLines(L.Callback):
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Say how good the epoch's weights are, and how long the rest takes at this pace."""
+        if not trainer.is_global_zero:
+            return
         done, epochs = trainer.current_epoch + 1, trainer.max_epochs or 0
         pace = (time.perf_counter() - self._begin) / (done - self._first)
         log.info(
@@ -268,6 +300,6 @@ def _quiet() -> None:
         ".*does not have many workers.*",
         ".*exists and is not empty.*",
         ".*treespec.*LeafSpec.*",
-        ".*`srun` command is available.*",  # a training is one process, on a cluster too
+        ".*`srun` command is available.*",
     ):
         warnings.filterwarnings("ignore", message=message)

@@ -38,24 +38,26 @@ class Regressor(L.LightningModule):
         self.net, self.loss = net, loss
         self._optimizer, self._schedule, self._scaler = optimizer, schedule, scaler
         self.metrics = metrics.clone(prefix="val/")
+        for metric in self.metrics.values():
+            metric.sync_on_compute = False  # every device sees all validation windows
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
         """Loss of a batch."""
         signals, target = batch
         loss = self.loss(self.net(signals).float(), target)
-        self.log("train/loss", loss, on_step=False, on_epoch=True, batch_size=len(target))
+        self.log("train/loss", loss, on_step=False, on_epoch=True, sync_dist=True, batch_size=len(target))
         return loss
 
     def validation_step(self, batch: Batch, index: int) -> None:
         """Loss of a batch, and its errors in metres."""
         signals, target = batch
         output = self.net(signals).float()
-        self.log("val/loss", self.loss(output, target), batch_size=len(target))
+        self.log("val/loss", self.loss(output, target), sync_dist=True, batch_size=len(target))
         self.metrics.update(self._metres(output), self._metres(target))
 
     def on_validation_epoch_end(self) -> None:
         """Metrics over all validation windows: medians and percentiles are not means over batches."""
-        self.log_dict(self.metrics.compute(), prog_bar=True)
+        self.log_dict(self.metrics.compute(), prog_bar=True, sync_dist=True)
         self.metrics.reset()
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:

@@ -10,6 +10,7 @@ from typing import Any
 import torch
 import yaml
 from lightning.pytorch.loggers import TensorBoardLogger
+from torch.utils.tensorboard.summary import hparams
 
 from clearance.errors import InputError
 from clearance.whole_files import read_yaml, write_atomically, write_json
@@ -57,6 +58,19 @@ class RunFolder:
         """Whether the last file of a training is there."""
         return (self.path / METRICS).exists()
 
+    def compare(self, config: dict[str, Any], scores: dict[str, float]) -> None:
+        """Give TensorBoard's HParams what it compares this training with others by.
+
+        Lightning would add a list of columns, which TensorBoard takes from one training; without it, it
+        puts those of all together, and first those in which they differ.
+        """
+        self.logger.log_metrics(scores)
+        known = {key: value for key, value in config.items() if key not in ("data", "folder", "resume")}
+        _, start, end = hparams(_flat(known), {})  # data repeats what the other keys say
+        writer = self.logger.experiment._get_file_writer()
+        writer.add_summary(start)
+        writer.add_summary(end)
+
     def finish(self, metrics: dict[str, Any]) -> None:
         """Write the metrics, the last file, and drop what only a resumption needs."""
         write_json(self.path / METRICS, metrics)
@@ -66,6 +80,17 @@ class RunFolder:
     def drop_checkpoints(self) -> None:
         """Remove what only a resumption needs."""
         shutil.rmtree(self.checkpoints, ignore_errors=True)
+
+
+def _flat(config: dict[str, Any], before: str = "") -> dict[str, Any]:
+    """{"model/net/hidden_size": 128}: numbers as they are, everything else as text."""
+    flat: dict[str, Any] = {}
+    for key, value in config.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{before}{key}/")
+        else:
+            flat[f"{before}{key}"] = value if isinstance(value, int | float | str) else str(value)
+    return flat
 
 
 def _task(config: dict[str, Any]) -> dict[str, Any]:

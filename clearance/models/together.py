@@ -271,6 +271,11 @@ def shareable(estimators: Sequence[Estimator]) -> list[NeuralEstimator]:
             f"trainer.optimizer={optimizer.__name__}: must be one of {names} for trainings together; set "
             "trainer.optimizer, or seed instead of seeds"
         )
+    if (plan.devices or 1) > 1:
+        raise InputError(
+            f"trainer.devices={plan.devices}: trainings together take one; set trainer.devices, or seed "
+            "instead of seeds"
+        )
     if plan.precision != "32-true":
         raise InputError(
             f"trainer.precision={plan.precision}: must be 32-true for trainings together; set "

@@ -111,9 +111,11 @@ class WindowData(L.LightningDataModule):
 
     def train_dataloader(self) -> DataLoader[Batch]:
         """Shuffled batches of the current epoch; Lightning asks for them anew every epoch."""
-        epoch = self.trainer.current_epoch if self.trainer else 0
+        epoch, share = 0, (0, 1)
+        if self.trainer:
+            epoch, share = self.trainer.current_epoch, (self.trainer.global_rank, self.trainer.world_size)
         windows = self.training_windows(epoch)
-        return self._loader(windows, self.training_order(len(windows), epoch))
+        return self._loader(windows, self.training_order(len(windows), epoch, share))
 
     def val_dataloader(self) -> DataLoader[Batch]:
         """Batches of the validation windows, in order."""
@@ -123,9 +125,9 @@ class WindowData(L.LightningDataModule):
         """Batches of the test windows, in order."""
         return self._loader(self.test_windows())
 
-    def training_order(self, windows: int, epoch: int) -> BatchOrder:
-        """Batches of an epoch's training windows."""
-        return BatchOrder(windows, self.batch_size, (self.seed, epoch))
+    def training_order(self, windows: int, epoch: int, share: tuple[int, int] = (0, 1)) -> BatchOrder:
+        """Batches of an epoch's training windows; of each a device's ``share`` (see ``BatchOrder``)."""
+        return BatchOrder(windows, self.batch_size, (self.seed, epoch), share)
 
     @property
     def _regular(self) -> RegularWindows:

@@ -47,17 +47,35 @@ class WindowSet(Dataset[Batch]):
 
 
 class BatchOrder:
-    """Lists of window indices, a list per batch; shuffled from a seed or in order."""
+    """Lists of window indices, a list per batch; shuffled from a seed or in order.
 
-    def __init__(self, windows: int, batch_size: int, seed: tuple[int, int] | None = None) -> None:
-        self._windows, self._batch_size, self._seed = windows, batch_size, seed
+    Args:
+        windows: How many there are.
+        batch_size: Windows of a batch [-].
+        seed: Of shuffling; None keeps the order.
+        share: (k, n): the k-th of n devices, from 0, takes its part of every batch. The parts are equal, so
+            that the mean of their gradients is the batch's; the first windows of a batch that cannot be
+            divided are taken twice.
+    """
+
+    def __init__(
+        self,
+        windows: int,
+        batch_size: int,
+        seed: tuple[int, int] | None = None,
+        share: tuple[int, int] = (0, 1),
+    ) -> None:
+        self._windows, self._batch_size, self._seed, self._share = windows, batch_size, seed, share
 
     def __len__(self) -> int:
         return -(-self._windows // self._batch_size)
 
     def __iter__(self) -> Iterator[Tensor]:
+        part, parts = self._share
         order = np.arange(self._windows)
         if self._seed is not None:
             np.random.default_rng(self._seed).shuffle(order)
         for start in range(0, self._windows, self._batch_size):
-            yield torch.from_numpy(order[start : start + self._batch_size])
+            batch = order[start : start + self._batch_size]
+            divisible = np.resize(batch, -(-len(batch) // parts) * parts)
+            yield torch.from_numpy(divisible[part::parts])
