@@ -13,7 +13,7 @@ from clearance.commands import command
 from clearance.errors import InputError
 from clearance.evaluation.fresh import FRESH, evaluate_fresh
 from clearance.evaluation.overview import overview
-from clearance.evaluation.paper.perturbation import PERTURBED, Perturbation, TestData, evaluate_perturbed
+from clearance.evaluation.paper.perturbation import PERTURBED, Perturbation, TrainingData, evaluate_perturbed
 from clearance.evaluation.paper.results import write_results
 from clearance.evaluation.paper.trainings import finished_trainings, trainings_of
 from clearance.evaluation.results import collect, markdown, put_between_marks
@@ -31,7 +31,7 @@ def main(cfg: DictConfig) -> None:
     for name in ("fresh", "perturbed"):
         if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or cfg[name] < 0:
             raise InputError(
-                f"{name} = {cfg[name]!r} is not a number of recordings, 0 or more; change {name}"
+                f"{name} = {cfg[name]!r}: a number of recordings, 0 or more, is needed; set {name}"
             )
     runs = Path(cfg.runs)
     figures = instantiate(cfg.figures, _convert_="all")
@@ -93,7 +93,7 @@ def measure_perturbed(runs: Path, perturbations: Mapping[str, Perturbation], rec
             continue
         log.info("%s: %d recordings a perturbation", one.path, recordings)
         metrics = instantiate_trusted(dict(one.config["metrics"]), str(one.path / CONFIG))
-        data = TestData.of(one.path)
+        data = TrainingData.of(one.path)
         write_json(path, evaluate_perturbed(load_gauge(one.path), data, perturbations, recordings, metrics))
 
 

@@ -72,7 +72,7 @@ def that_fit(batch: Batch, expected: float | None, left: float, begun: Mapping[T
     Of a model that was never timed, and of a training that was cut before, it is not known when it ends: one
     is let go on until the time is up.
     """
-    if batch.seeds and (expected is None or begun.get(batch.trainings[0], False)):
+    if batch.seeds and (not expected or begun.get(batch.trainings[0], False)):
         return batch._replace(seeds=batch.seeds[:1])
     count = int(left / expected) if expected else 0
     return batch._replace(seeds=batch.seeds[:count])

@@ -117,7 +117,7 @@ class Runner:
         # Trees that were cut begin anew: that they take longer than this is all that is known.
         lost = code is None and not any((self.place(t) / _CHECKPOINTS).exists() for t in batch.trainings)
         if (code == 0 and not begun) or lost:
-            each = round(seconds / (len(done) + lost), 1)
+            each = round(seconds / (len(done) + lost), 3)
             self._add_costs([Cost(batch.setting.model, batch.setting.decimation, each)])
 
     def _evaluate(self, limit: float | None, *overrides: str) -> None:

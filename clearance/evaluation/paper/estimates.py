@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from clearance.evaluation.figures import new_figure, scatter_against_true
-from clearance.evaluation.paper.perturbation import TestData, estimate
+from clearance.evaluation.paper.perturbation import TrainingData, estimate
 from clearance.evaluation.paper.trainings import Finished, Setting, Training
 from clearance.models.gauge import Gauge
 from clearance.models.run_folder import CONFIG
@@ -47,7 +47,7 @@ class PredictedAgainstTrue:
         for axes, (model, run) in zip(panels, runs.items(), strict=True):
             where = str(run.path / CONFIG)
             gauge = Gauge.load(instantiate_trusted(dict(run.config["model"]), where), run.path)
-            values, truth = estimate(gauge, TestData.of(run.path).test())
+            values, truth = estimate(gauge, TrainingData.of(run.path).test())
             scatter_against_true(axes, values, truth)
             axes.set(title=f"{NAMES.get(model, model)}: NMAE {run.metrics['test']['nmae']:.2f} %")
             axes.label_outer()

@@ -29,7 +29,7 @@ _NOISE_STREAM = 3
 
 
 @dataclass(frozen=True)
-class TestData:
+class TrainingData:
     """Where a finished training's recordings came from."""
 
     campaign: Campaign
@@ -41,7 +41,7 @@ class TestData:
     memory: int  # bytes that recordings may take
 
     @classmethod
-    def of(cls, run: Path) -> "TestData":
+    def of(cls, run: Path) -> "TrainingData":
         """Read the configuration of a finished training.
 
         Raises:
@@ -80,7 +80,7 @@ class TestData:
 class Perturbation(Protocol):
     """Makes recordings that a training is tested with."""
 
-    def recordings(self, data: TestData, count: int) -> LabelledRecordings:
+    def recordings(self, data: TrainingData, count: int) -> LabelledRecordings:
         """``count`` new recordings, or the training's own test recordings, changed."""
         ...
 
@@ -120,7 +120,7 @@ class NewRuns:
         seed = nominal.seed + _OTHER_SEED
         return replace(nominal, mechanism=machine, random=random, seed=seed, runs=count)
 
-    def recordings(self, data: TestData, count: int) -> LabelledRecordings:
+    def recordings(self, data: TrainingData, count: int) -> LabelledRecordings:
         """Simulate ``count`` runs."""
         return data.load(self.campaign(data.campaign, count))
 
@@ -138,7 +138,7 @@ class NoisyTest:
     def __post_init__(self) -> None:
         require(self, 0.0, 10.0, noise=self.noise)
 
-    def recordings(self, data: TestData, count: int) -> LabelledRecordings:
+    def recordings(self, data: TrainingData, count: int) -> LabelledRecordings:
         """All test recordings; ``count`` is not used."""
         test = data.test()
         rng = np.random.default_rng([data.campaign.seed, _NOISE_STREAM])
@@ -175,7 +175,7 @@ def estimate(gauge: Gauge, recordings: LabelledRecordings) -> tuple[np.ndarray, 
 
 def evaluate_perturbed(
     gauge: Gauge,
-    data: TestData,
+    data: TrainingData,
     perturbations: Mapping[str, Perturbation],
     count: int,
     metrics: MetricCollection,

@@ -54,7 +54,8 @@ class Finished:
     metrics: Mapping[str, Any]
 
 
-def trainings_of(experiment: str) -> list[Training]:
+@cache
+def trainings_of(experiment: str) -> tuple[Training, ...]:
     """What ``clearance.train -m experiment=...`` trains, in that order: ``conf/experiment`` says it once."""
     cfg = _composed(f"experiment={experiment}")
     params = OmegaConf.to_container(cfg.hydra.sweeper.params)
@@ -65,10 +66,10 @@ def trainings_of(experiment: str) -> list[Training]:
     seeds = [swept.pop(key, [str(cfg[key])]) for key in ("split_seed", "seed")]
     if swept:
         raise InputError(f"experiment={experiment} sweeps {', '.join(swept)}, which no table tells apart")
-    return [
+    return tuple(
         Training(Setting(model, sensors, joint, int(decimation)), int(split), int(seed))
         for model, sensors, joint, decimation, split, seed in product(*axes, *seeds)
-    ]
+    )
 
 
 def finished_trainings(folder: Path) -> list[Finished]:
