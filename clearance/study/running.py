@@ -87,7 +87,7 @@ class Runner:
 
     def perturb(self, recordings: int) -> None:
         """Evaluate what is trained for Table 7, as far as the time goes."""
-        if self.left >= _LEAST:
+        if self.left >= _LEAST and any(self.folder.rglob(METRICS)):
             self._evaluate(self.left, f"perturbed={recordings}")
 
     def report(self, results: str, pictures: str) -> None:

@@ -67,7 +67,7 @@ def test_a_row_holds_mean_deviation_interval_and_beneath_it_the_papers(reduced):
 
 
 def test_models_are_compared_by_both_tests(reduced):
-    lines = comparisons(trainings_of("table6"), collected(reduced)).splitlines()
+    lines = comparisons("table6", trainings_of("table6"), collected(reduced)).splitlines()
     assert lines[2].startswith("| TDNN - LSTM | NMAE [%] | 6 in 3 | +1.01 [")
     assert lines[2].endswith("| < 0.001 | < 0.001 | < 0.001 | yes |")
 

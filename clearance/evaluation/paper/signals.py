@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from scipy import signal
 
 from clearance.errors import InputError
@@ -24,6 +25,7 @@ from clearance.simulation.layout import Signal
 _START, _SECONDS = 2.0, 1.0  # s
 _LOWEST = 50.0  # Hz: below it is the machine's own motion
 _LINEAR = 500.0  # m/s²
+_TICKS = (-500.0, 0.0, 500.0, 2000.0, 10_000.0)
 _SHARE = 0.99  # of the power
 _COLOURS = ("#1f4e79", "#c55a11", "#548235", "#7030a0", "#7f6000")
 _DECIMATED = "#c00000"
@@ -92,6 +94,8 @@ class AccelerationByClearance(SliderSignals):
         for axes, values, clearance, colour in zip(panels, signals, self.clearances, _COLOURS, strict=False):
             axes.plot(np.arange(shown) / rate * 1e3, values[:shown], color=colour, linewidth=0.7)
             axes.set_yscale("symlog", linthresh=_LINEAR, linscale=1.5)
+            axes.set_yticks(_TICKS, [f"{tick:g}" for tick in _TICKS])
+            axes.minorticks_off()
             axes.set(title=f"clearance {clearance * 1e3:g} mm")
             axes.margins(x=0)
         figure.supylabel("slider acceleration [m/s²]")
@@ -124,12 +128,12 @@ class BeforeAndAfterDecimation(SliderSignals):
             left.set(title=f"clearance {clearance * 1e3:g} mm", ylabel="acceleration [m/s²]")
             left.margins(x=0)
             right.set(
-                title="amplitude of its spectrum",
-                ylabel="[m/s²]",
+                title="its amplitude spectrum",
+                ylabel="amplitude [m/s²]",
                 xlim=(self.speed_rpm / 60, rate / 2),
                 ylim=(1e-4, 1e3),
             )
-        panels[0, 0].legend(loc="upper right", fontsize=8)
+        panels[0, 0].legend(loc="lower right", fontsize=8)
         panels[-1, 0].set(xlabel=f"time [ms], one revolution at {self.speed_rpm:g} rpm")
         panels[-1, 1].set(xlabel="frequency [Hz]")
         return figure
@@ -180,6 +184,9 @@ class OccupiedBandwidth(SliderSignals):
             f"half of {self.chain.rate / 1e3:g} kHz", (clearances[-1] * 1e3, self.chain.rate / 2e3),
             fontsize=8, va="bottom", ha="right",
         )  # fmt: skip
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set(xlabel="clearance [mm]", ylabel="99 % of the power above 50 Hz lie below [kHz]")
         axes.legend(loc="lower right")
         return figure

@@ -28,7 +28,7 @@ class Comparison:
     Attributes:
         pairs: trainings that both models have by split and initialisation.
         splits: among them.
-        difference: mean over pairs.
+        difference: mean of the splits' means.
         paired_p: of the t-test over pairs, as in the paper. It takes them as independent, which they are not.
         corrected_p: of the corrected resampled t-test over splits.
         low: of the difference's 95 % interval by the corrected test.
@@ -88,7 +88,7 @@ def compare(
         reach = float(stats.t.ppf((1 + CONFIDENCE) / 2, freedom)) * error
         low, high = mean - reach, mean + reach
     return Comparison(
-        len(shared), len(splits), float(differences.mean()), paired_p, corrected_p, low, high
+        len(shared), len(splits), mean, paired_p, corrected_p, low, high
     )  # fmt: skip
 
 

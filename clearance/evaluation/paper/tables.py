@@ -81,8 +81,8 @@ def _paper_row(experiment: str, setting: Setting) -> Rows:
     return [("*paper*", "", *(_paper_cell(numbers.get(key)) for key in _COLUMNS))]
 
 
-def comparisons(planned: Sequence[Training], found: Mapping[Training, Finished]) -> str:
-    """Every pair of models by split and initialisation; empty where no pair was tested."""
+def comparisons(experiment: str, planned: Sequence[Training], found: Mapping[Training, Finished]) -> str:
+    """Every pair of rows by split and initialisation; empty where no pair was tested."""
     tested = [one for one in planned if one in found]
     settings = list(dict.fromkeys(one.setting for one in tested))
     pairs: list[tuple[str, str, Comparison]] = []
@@ -90,17 +90,13 @@ def comparisons(planned: Sequence[Training], found: Mapping[Training, Finished])
         for key in ("nmae", "nrmse"):
             head, value = _COLUMNS[key]
             values = [
-                {
-                    (t.split_seed, t.seed): value(found[t].metrics)
-                    for t in planned
-                    if t.setting == s and t in found
-                }
-                for s in (one, other)
+                {(t.split_seed, t.seed): value(found[t].metrics) for t in tested if t.setting == setting}
+                for setting in (one, other)
             ]
             compared = compare(values[0], values[1], _test_to_training(found.values()))
             if compared:
-                name = f"{NAMES.get(one.model, one.model)} - {NAMES.get(other.model, other.model)}"
-                pairs.append((name, head, compared))
+                names = (row_name(experiment, setting) for setting in (one, other))
+                pairs.append((" - ".join(names), head, compared))
     if not pairs:
         return ""
     p_values = [c.corrected_p for _, _, c in pairs if c.corrected_p is not None]
