@@ -25,9 +25,11 @@ def main(cfg: DictConfig) -> None:
         raise InputError(
             f"perturbed = {cfg.perturbed!r} is not a number of recordings, 0 or more; change perturbed"
         )
+    if isinstance(cfg.parallel, bool) or not isinstance(cfg.parallel, int) or cfg.parallel < 1:
+        raise InputError(f"parallel = {cfg.parallel!r} is not a whole number, 1 or more; change parallel")
     scale = str(HydraConfig.get().runtime.choices["scale"])
     order = stages([trainings_of(str(name)) for name in cfg.experiments])
-    runner = Runner(Path(cfg.folder), scale, list(map(str, cfg.arguments)), budget)
+    runner = Runner(Path(cfg.folder), scale, list(map(str, cfg.arguments)), budget, cfg.parallel)
     every = [training for stage in order for batch in stage for training in batch.trainings]
     log.info(
         "%d of %d trainings at scale %s are finished", sum(map(runner.finished, every)), len(every), scale
@@ -35,7 +37,7 @@ def main(cfg: DictConfig) -> None:
     left = 0
     try:
         for stage in order:
-            left += sum(runner.train(batch) for batch in stage)
+            left += runner.train_all(stage)
             if cfg.perturbed:
                 runner.perturb(cfg.perturbed)
     finally:

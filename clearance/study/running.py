@@ -1,14 +1,17 @@
 """Run the ordinary commands, each in a process of its own, within a budget of time."""
 
 import logging
+import os
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Event, Lock
 
 from clearance.errors import InputError
 from clearance.evaluation.paper.trainings import Training
@@ -48,13 +51,18 @@ class Runner:
         scale: option of ``clearance.train``.
         arguments: more overrides of every training.
         budget: of the whole study.
+        parallel: trainings at a time, which share the cores.
     """
 
     folder: Path
     scale: str
     arguments: Sequence[str]
     budget: Budget
+    parallel: int = 1
     failed: list[Training] = field(default_factory=list)
+    _running: set[subprocess.Popen[bytes]] = field(default_factory=set)
+    _stopped: Event = field(default_factory=Event)
+    _lock: Lock = field(default_factory=Lock)  # of the costs
 
     def place(self, training: Training) -> Path:
         """The folder of a training."""
@@ -71,10 +79,23 @@ class Runner:
         expected = _SLOWER * reports[-1] if reports else min(_REPORT_SECONDS, _SHARE * self.budget.seconds)
         return self.budget.left - expected
 
+    def train_all(self, batches: Sequence[Batch]) -> int:
+        """Train batches in their order; returns how many trainings were left for another time."""
+        pool = ThreadPoolExecutor(self.parallel)
+        try:
+            return sum(pool.map(self.train, batches))
+        except BaseException:
+            self._stopped.set()
+            raise
+        finally:
+            for process in list(self._running):
+                end(process)
+            pool.shutdown(cancel_futures=True)
+
     def train(self, batch: Batch) -> int:
-        """Train what is not finished and fits; returns how many trainings were left for another time."""
+        """The same for one batch."""
         wanted = [t for t in batch.trainings if not self.finished(t) and t not in self.failed]
-        while wanted:
+        while wanted and not self._stopped.is_set():
             seconds = expected_seconds(batch.setting, self._costs())
             begun = {t: (self.place(t) / _CHECKPOINTS).exists() for t in wanted}
             rest = batch._replace(seeds=tuple(t.seed for t in wanted))
@@ -102,12 +123,12 @@ class Runner:
             "clearance.train", "-m", "experiment=paper", f"scale={self.scale}", "trainer.progress=false",
             *batch.setting.overrides, f"split_seed={batch.split_seed}",
             f"seed={','.join(map(str, batch.seeds))}", f"hydra.sweep.dir='{cell.resolve()}'",
-            "hydra.sweep.subdir='seed=${seed}'", *self.arguments,
+            "hydra.sweep.subdir='seed=${seed}'", *self._shared_cores, *self.arguments,
         ]  # fmt: skip
         code = self._run(command, cell / _LOG, self.left)
         seconds = time.monotonic() - began
         done = [t for t in batch.trainings if self.finished(t)]
-        if code not in (0, None):
+        if code not in (0, None) and not self._stopped.is_set():
             self.failed += [t for t in batch.trainings if t not in done]
             log.warning("%s: exit code %s; see %s", batch, code, cell / _LOG)
         elif code is None:
@@ -133,9 +154,12 @@ class Runner:
         with output.open("wb") as out:
             process = subprocess.Popen(
                 [sys.executable, "-m", *command], stdout=out, stderr=subprocess.STDOUT,
-                stdin=subprocess.DEVNULL, env=environment(), start_new_session=True,
+                stdin=subprocess.DEVNULL, env=environment(**self._omp), start_new_session=True,
             )  # fmt: skip
+            self._running.add(process)
             try:
+                if self._stopped.is_set():
+                    return None
                 return process.wait(None if limit is None else max(limit - _GRACE, 0.0))
             except subprocess.TimeoutExpired:
                 process.send_signal(signal.SIGTERM)
@@ -144,6 +168,20 @@ class Runner:
                 return None
             finally:
                 end(process)
+                self._running.discard(process)
+
+    @property
+    def _threads(self) -> int:
+        return max(1, len(os.sched_getaffinity(0)) // self.parallel)
+
+    @property
+    def _shared_cores(self) -> list[str]:
+        # Threads that wait for one another on a core that is taken cost two orders of magnitude.
+        return [f"trainer.threads={self._threads}"] if self.parallel > 1 else []
+
+    @property
+    def _omp(self) -> dict[str, str]:
+        return {"OMP_NUM_THREADS": str(self._threads)} if self.parallel > 1 else {}
 
     def _cell(self, training: Training) -> Path:
         names = [*training.setting.overrides, f"split_seed={training.split_seed}"]
@@ -155,7 +193,8 @@ class Runner:
 
     def _add_costs(self, costs: Sequence[Cost]) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
-        write_json(self.folder / _COSTS, [*self._costs(), *costs])
+        with self._lock:
+            write_json(self.folder / _COSTS, [*self._costs(), *costs])
 
 
 def _last_line(output: Path) -> str:

@@ -1,7 +1,11 @@
 """Trainings are processes of the ordinary command: kept to the budget, resumed, reported when they fail."""
 
 import json
+import os
+import signal
 import sys
+import time
+from threading import Thread
 
 import pytest
 
@@ -79,6 +83,33 @@ def test_a_training_is_cut_at_the_end_of_its_time_and_goes_on_the_next(runner):
     assert not one.failed
     assert runner(1000.0).train(BATCH) == 0
     assert begun(one) == ["42", "42", "98", "123"]
+
+
+def test_batches_run_side_by_side_and_an_interruption_ends_them(runner):
+    one = runner(1000.0, "pause=30")
+    one.parallel = 2
+    other = BATCH._replace(split_seed=42)
+
+    def interrupt():
+        while not all((one._cell(b.trainings[0]) / "begun.txt").exists() for b in (BATCH, other)):
+            time.sleep(0.02)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    # a test run in the background ignores Ctrl-C
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    Thread(target=interrupt, daemon=True).start()
+    began = time.monotonic()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            one.train_all([BATCH, other])
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert time.monotonic() - began < 25  # and not a training's 30 s
+    assert (begun(one), one.failed) == (["42"], [])
+    again = runner(1000.0)
+    again.parallel = 2
+    assert again.train_all([BATCH, other]) == 0
+    assert all(again.finished(t) for t in (*BATCH.trainings, *other.trainings))
 
 
 def test_a_failure_is_kept_and_the_others_go_on(runner):
