@@ -74,9 +74,10 @@ def test_models_are_compared_by_both_tests(reduced):
 
 def test_what_is_reduced_is_told_from_the_configurations(reduced):
     different = reductions(finished_trainings(reduced))
-    assert different["runs"] == ("150", "1000")
-    assert different["model.net.hidden_size"] == ("128", "256")
-    assert not [key for key in different if key.startswith("model.training")]
+    assert different["runs", "150", "1000"] == {"lstm", "tdnn"}
+    assert different["model.net.hidden_size", "128", "256"] == {"lstm"}
+    assert different["model.net.filters", "64", "256"] == {"tdnn"}
+    assert not [key for key, *_ in different if key.startswith("model.training")]
 
 
 def test_a_training_of_the_papers_scale_is_not_called_reduced(tmp_path):
@@ -93,6 +94,7 @@ def test_the_report_says_scale_hardware_seeds_and_date_and_what_is_missing(reduc
     text = (tmp_path / "R.md").read_text()
     assert "**Scale: reduced.**" in text
     assert "- `trainer.loss._target_`: L1Loss (paper: MSELoss)" in text
+    assert "- `model.net.filters`: 64 (paper: 256); TDNN\n" in text
     assert "12 trainings, 20" in text
     assert "P, 2 threads (torch 2)" in text
     assert "Seeds of the splits: 42, 98, 1024; of the initial weights: 42, 98" in text

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from matplotlib.figure import Figure
 
+from clearance.evaluation.paper.estimates import NAMES
 from clearance.evaluation.paper.tables import comparisons, perturbed, table
 from clearance.evaluation.paper.trainings import (
     Finished,
@@ -134,7 +135,12 @@ def _scale(runs: Sequence[Finished], what: str) -> str:
     lines = [f"**Scale: {'reduced' if different else 'as in the paper'}.**"]
     if different:
         lines.append(f"{what} is of trainings that differ from the paper's in:\n")
-        lines += [f"- `{key}`: {own} (paper: {paper})" for key, (own, paper) in different.items()]
+        every = {run.training.setting.model for run in runs}
+        for (key, own, paper), models in different.items():
+            of = (
+                "" if models == every else f"; {_listed(sorted(NAMES.get(model, model) for model in models))}"
+            )
+            lines.append(f"- `{key}`: {own} (paper: {paper}){of}")
     seeds = sorted({run.metrics["seed"] for run in runs})
     splits = sorted({run.metrics["split_seed"] for run in runs})
     return "\n".join(

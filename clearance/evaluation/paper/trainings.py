@@ -91,14 +91,19 @@ def finished_trainings(folder: Path) -> list[Finished]:
     return list(found.values())
 
 
-def reductions(found: Sequence[Finished]) -> dict[str, tuple[str, str]]:
-    """Settings in which any of these trainings is not the paper's: key to their value and the paper's."""
-    different: dict[str, tuple[str, str]] = {}
+def reductions(found: Sequence[Finished]) -> dict[tuple[str, str, str], set[str]]:
+    """Settings in which any of these trainings is not the paper's.
+
+    Returns:
+        Key, value and the paper's value, to the models of which this is true.
+    """
+    different: dict[tuple[str, str, str], set[str]] = {}
     for one in found:
         paper, own = _paper_scale(one.training.setting), _scale(one.config)
         for key in sorted({*paper, *own}):
             if paper.get(key) != own.get(key):
-                different[key] = (_short(own.get(key)), _short(paper.get(key)))
+                values = (key, _short(own.get(key)), _short(paper.get(key)))
+                different.setdefault(values, set()).add(one.training.setting.model)
     return different
 
 
