@@ -3,8 +3,10 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 RUN := $(BIN)/python -m
+budget ?= 2h
+scale ?= reduced
 
-.PHONY: help train test test-all test-slurm lint type arch simulate diagnose trial detectability bench results tensorboard wheel clean
+.PHONY: help train test test-all test-slurm lint type arch simulate diagnose trial study detectability bench results tensorboard wheel clean
 
 help:            ## list the targets
 	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 16
@@ -26,6 +28,9 @@ diagnose: $(READY)  ## demonstrate the diagnosis on a simulated machine with fri
 
 trial: $(READY)  ## diagnose 12 machines whose truth is sealed, then reveal and score (at most 30 minutes on two cores)
 	$(RUN) clearance.trial
+
+study: $(READY)  ## the paper's tables and figures, as far as budget=2h goes: RESULTS.md; again to go on; scale=paper for all of it
+	$(RUN) clearance.study budget=$(budget) scale=$(scale)
 
 test: $(READY) lint type arch  ## everything that must pass before a change lands (under 10 minutes on two cores)
 	OMP_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile -m 'not slow and not gpu and not slurm'

@@ -1,9 +1,11 @@
 """Turn finished trainings into tables: ``python -m clearance.evaluate``."""
 
 import logging
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from clearance.benchmark import report
@@ -11,6 +13,9 @@ from clearance.commands import command
 from clearance.errors import InputError
 from clearance.evaluation.fresh import FRESH, evaluate_fresh
 from clearance.evaluation.overview import overview
+from clearance.evaluation.paper.perturbation import PERTURBED, Perturbation, TrainingData, evaluate_perturbed
+from clearance.evaluation.paper.results import write_results
+from clearance.evaluation.paper.trainings import finished_trainings, trainings_of
 from clearance.evaluation.results import collect, markdown, put_between_marks
 from clearance.models.run_folder import CONFIG, METRICS
 from clearance.models.trusted import instantiate_trusted
@@ -22,11 +27,24 @@ log = logging.getLogger(__name__)
 
 @command("evaluate")
 def main(cfg: DictConfig) -> None:
-    """Measure coverage on fresh recordings where asked, collect the rows, write tables and picture."""
+    """Measure on new recordings where asked, collect the rows, write tables and pictures."""
+    for name in ("fresh", "perturbed"):
+        if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or cfg[name] < 0:
+            raise InputError(
+                f"{name} = {cfg[name]!r}: a number of recordings, 0 or more, is needed; set {name}"
+            )
     runs = Path(cfg.runs)
+    figures = instantiate(cfg.figures, _convert_="all")
+    perturbations = instantiate(cfg.perturbations, _convert_="all")
     if cfg.fresh:
         for metrics in sorted(runs.rglob(METRICS)):
             measure_coverage(metrics.parent, cfg.fresh)
+    if cfg.perturbed:
+        measure_perturbed(runs, perturbations, cfg.perturbed)
+    if cfg.report is not None:
+        write_results(runs, Path(cfg.report), Path(cfg.pictures), figures)
+        log.info("written to %s, with pictures in %s", cfg.report, cfg.pictures)
+        return
     rows = collect(runs)
     log.info("%s", markdown(rows))
     if cfg.results is None:
@@ -62,6 +80,21 @@ def measure_coverage(run: Path, recordings: int) -> None:
     campaign = instantiate_trusted(config["campaign"], str(run / CONFIG))
     log.info("%s: %d fresh recordings", run, recordings)
     write_json(run / FRESH, evaluate_fresh(load_gauge(run), campaign, config["target"], recordings).to_json())
+
+
+def measure_perturbed(runs: Path, perturbations: Mapping[str, Perturbation], recordings: int) -> None:
+    """Write ``perturbed.json`` beside each training of Table 7 unless it is there with as many recordings."""
+    wanted = set(trainings_of("table6"))
+    for one in finished_trainings(runs):
+        path = one.path / PERTURBED
+        if one.training not in wanted:
+            continue
+        if path.exists() and read_json(path, "runs")["recordings"] == recordings:
+            continue
+        log.info("%s: %d recordings a perturbation", one.path, recordings)
+        metrics = instantiate_trusted(dict(one.config["metrics"]), str(one.path / CONFIG))
+        data = TrainingData.of(one.path)
+        write_json(path, evaluate_perturbed(load_gauge(one.path), data, perturbations, recordings, metrics))
 
 
 if __name__ == "__main__":

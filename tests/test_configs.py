@@ -65,13 +65,16 @@ def selected(command):
 
 def overrides_for(group, option):
     if group.startswith("recipe/"):
-        return [f"experiment={group.split('/')[1]}", f"model={option}"]
+        top = "scale" if (CONFIGURATION / f"scale/{group.split('/')[1]}.yaml").exists() else "experiment"
+        return [f"{top}={group.split('/')[1]}", f"model={option}"]
     return [f"{group}={option}", *PATH.get(option, [])]
 
 
 def command_of(group, option):
     if group == "experiment" and option.startswith("trial"):
         return "trial"
+    if group == "experiment" and (option.startswith("figure") or option == "table7"):
+        return "evaluate"
     return "train" if group.split("/")[0] in selected("train") else "bench"
 
 
@@ -89,9 +92,16 @@ def test_every_option_is_chosen_and_makes_what_it_says(group, option):
     command = command_of(group, option)
     cfg = composed(command, *overrides_for(group, option))
     top, _, experiment = group.partition("/")
-    assert cfg.hydra.runtime.choices[top] == (f"{experiment}/{option}" if experiment else option)
+    chosen = cfg.hydra.runtime.choices
+    assert (f"{experiment}/{option}" if experiment else option) in (chosen[top], chosen.get(f"{top}@model"))
     if command == "trial":
         assert instantiate(cfg.scope, _convert_="all").cases == cfg.scope.cases
+        return
+    if command == "evaluate":
+        figures, others = (instantiate(part, _convert_="all") for part in (cfg.figures, cfg.perturbations))
+        assert all(hasattr(one, "draw") for one in figures.values())
+        assert all(hasattr(one, "recordings") for one in others.values())
+        assert list(figures) == [option] or (option == "table7" and len(others) == 6)
         return
     if (group, option) == ("joint", "unknown"):  # for recordings; a simulation must be told
         with pytest.raises(InstantiationException, match="must be said"):
@@ -125,7 +135,8 @@ def test_every_target_can_be_imported(path):
         assert callable(get_object(target)), target
 
 
-def test_every_recipe_belongs_to_an_experiment_and_a_model():
+def test_every_recipe_belongs_to_an_experiment_or_scale_and_a_model():
     for path in (CONFIGURATION / "recipe").rglob("*.yaml"):
-        assert (CONFIGURATION / "experiment" / f"{path.parent.name}.yaml").exists(), path
+        parents = [CONFIGURATION / of / f"{path.parent.name}.yaml" for of in ("experiment", "scale")]
+        assert any(parent.exists() for parent in parents), path
         assert (CONFIGURATION / "model" / f"{path.stem}.yaml").exists(), path

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -11,21 +12,27 @@ _POINT: dict[str, Any] = {"s": 6, "alpha": 0.35, "linewidths": 0}
 
 def predicted_against_true(estimate: np.ndarray, truth: np.ndarray, title: str) -> Figure:
     """Estimates over true clearances, (windows,) [m] each, with the line on which they agree."""
-    figure = _figure(5, 5)
+    figure = new_figure(5, 5)
     axes = figure.add_subplot()
+    scatter_against_true(axes, estimate, truth)
+    axes.set(title=title)
+    return figure
+
+
+def scatter_against_true(axes: Axes, estimate: np.ndarray, truth: np.ndarray) -> None:
+    """The same in a panel of a figure."""
     axes.scatter(truth * 1e3, estimate * 1e3, **_POINT)
     ends = [0.0, max(float(truth.max()), float(estimate.max())) * 1e3]
     axes.plot(ends, ends, color="black", linewidth=1, label="agreement")
-    axes.set(xlabel="true clearance [mm]", ylabel="predicted clearance [mm]", title=title)
+    axes.set(xlabel="true clearance [mm]", ylabel="predicted clearance [mm]")
     axes.legend()
-    return figure
 
 
 def error_against_clearance_and_speed(
     estimate: np.ndarray, truth: np.ndarray, speed: np.ndarray, title: str
 ) -> Figure:
     """Errors over clearance [m] and over crank speed [rad/s], (windows,) each, with binned medians."""
-    figure = _figure(9, 4)
+    figure = new_figure(9, 4)
     error = np.abs(estimate - truth) * 1e6
     panels = ((truth * 1e3, "true clearance [mm]"), (speed * 30 / np.pi, "crank speed [rpm]"))
     for place, (value, label) in enumerate(panels, start=1):
@@ -49,7 +56,8 @@ def _binned_median(value: np.ndarray, error: np.ndarray, bins: int = 10) -> tupl
     return (edges[filled] + edges[filled + 1]) / 2, np.array([np.median(error[place == b]) for b in filled])
 
 
-def _figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of this size [inch]."""
     # Without pyplot: no global list of figures, nothing to close.
     figure = Figure(figsize=(width, height), layout="constrained", dpi=110)
     FigureCanvasAgg(figure)

@@ -25,10 +25,11 @@ from clearance.mechanism.slider_crank import SliderCrank
 from clearance.models.gauge import Estimate
 from clearance.models.run_folder import METRICS
 from clearance.predict import estimate_file, load_gauge
+from clearance.processes import end, environment
 from clearance.provenance import describe
 from clearance.trial.case import Case, Session
 from clearance.trial.draw import Scope
-from clearance.trial.examine import CORRECTED, end, environment
+from clearance.trial.examine import CORRECTED
 from clearance.trial.plant import ACCELERATIONS, ExtraForce, write_parquet
 from clearance.trial.repertoire import FORCES
 from clearance.trial.reveal import Revealed

@@ -1,8 +1,6 @@
 """Examine: one process a case, which sees the recordings alone; what was answered once is not asked again."""
 
 import json
-import os
-import signal
 import subprocess
 import sys
 import threading
@@ -13,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from clearance.processes import end, environment
 from clearance.trial.case import KNOWN_FRAME
 from clearance.trial.conceal import CASE, CASES, names_of
 from clearance.whole_files import read_json, write_json
@@ -23,7 +22,6 @@ DIAGNOSIS = (sys.executable, "-m", "clearance.diagnose", "workers=1", "finished=
 """The program that is put to the test: on one thread, with nothing kept from another case."""
 _DIAGNOSIS = "diagnosis.json"
 _LOG = "output.txt"
-_ROOT = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True)
@@ -134,16 +132,3 @@ def _answer(code: int, place: Path) -> tuple[str | None, dict[str, Any] | None]:
     if not isinstance(content, dict) or "verdict" not in content:
         return f"{_DIAGNOSIS} has no verdict", None
     return None, content
-
-
-def end(process: subprocess.Popen[bytes]) -> None:
-    """End a process and what it started; nothing happens where it has ended."""
-    if process.poll() is None:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-
-
-def environment(**more: str) -> dict[str, str]:
-    """Of a process that takes the package from where this one is, whatever the working folder."""
-    paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "HYDRA_FULL_ERROR": "0", **more}

@@ -1,0 +1,1 @@
+"""The paper's tables and figures from finished trainings, beside the paper's own numbers."""

@@ -1,0 +1,66 @@
+"""The paper's tables and figures in the time that is given: ``python -m clearance.study budget=2h``."""
+
+import logging
+import re
+from pathlib import Path
+
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from clearance.commands import command
+from clearance.errors import InputError
+from clearance.evaluation.paper.trainings import trainings_of
+from clearance.study.plan import stages
+from clearance.study.running import Budget, Runner
+
+log = logging.getLogger(__name__)
+_UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
+
+
+@command("study")
+def main(cfg: DictConfig) -> None:
+    """Train in order of value what fits, evaluate, report; the same command goes on where it stopped."""
+    budget = Budget(seconds_of(cfg.budget))
+    if isinstance(cfg.perturbed, bool) or not isinstance(cfg.perturbed, int) or cfg.perturbed < 0:
+        raise InputError(
+            f"perturbed = {cfg.perturbed!r} is not a number of recordings, 0 or more; change perturbed"
+        )
+    if isinstance(cfg.parallel, bool) or not isinstance(cfg.parallel, int) or cfg.parallel < 1:
+        raise InputError(f"parallel = {cfg.parallel!r} is not a whole number, 1 or more; change parallel")
+    scale = str(HydraConfig.get().runtime.choices["scale"])
+    order = stages([trainings_of(str(name)) for name in cfg.experiments])
+    runner = Runner(Path(cfg.folder), scale, list(map(str, cfg.arguments)), budget, cfg.parallel)
+    every = [training for stage in order for batch in stage for training in batch.trainings]
+    log.info(
+        "%d of %d trainings at scale %s are finished", sum(map(runner.finished, every)), len(every), scale
+    )
+    left = 0
+    try:
+        for stage in order:
+            left += runner.train_all(stage)
+            if cfg.perturbed:
+                runner.perturb(cfg.perturbed)
+    finally:
+        done = sum(map(runner.finished, every))
+        log.info("%d of %d trainings are finished", done, len(every))
+    runner.report(str(cfg.report), str(cfg.pictures))
+    log.info("%s is written; %d trainings are left: the same command goes on with them", cfg.report, left)
+    if runner.failed:
+        where = runner.place(runner.failed[0])
+        raise InputError(f"{len(runner.failed)} trainings failed, the first in {where}; change arguments")
+
+
+def seconds_of(text: object) -> float:
+    """Seconds of ``90s``, ``30m``, ``2h`` or ``1d``.
+
+    Raises:
+        InputError: it is no duration.
+    """
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([smhd])", str(text).strip())
+    if not found or float(found[1]) == 0:
+        raise InputError(f"budget = {text!r} is no duration such as 90s, 30m, 2h or 1d; change budget")
+    return float(found[1]) * _UNITS[found[2]]
+
+
+if __name__ == "__main__":
+    main()

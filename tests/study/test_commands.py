@@ -1,0 +1,52 @@
+"""``clearance.study`` and the report of ``clearance.evaluate`` as a user runs them."""
+
+import json
+
+import pytest
+
+from clearance.evaluation.paper.trainings import Setting, Training
+from tests.command_line import call, launch
+from tests.study_folder import finish
+
+
+def test_evaluate_writes_the_report(tmp_path, monkeypatch, capfd):
+    finish(tmp_path / "runs", Training(Setting("lstm"), 98, 42), 0.5, "scale=reduced")
+    monkeypatch.chdir(tmp_path)
+    where = ("runs=runs", "report=out/RESULTS.md", "pictures=out/pictures")
+    # table7 in place of all experiments: no figures, whose simulations take seconds
+    assert call(monkeypatch, capfd, "evaluate", *where, "experiment=table7") == (0, "")
+    assert "| LSTM | 1 of 30 | 0.50 |" in (tmp_path / "out/RESULTS.md").read_text()
+    assert len(json.loads((tmp_path / "out/pictures/study.json").read_text())) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "words"),
+    [
+        ("evaluate", "perturbed=-1", "perturbed = -1: a number of recordings, 0 or more, is needed"),
+        ("study.__main__", "budget=soon", "budget = 'soon' is no duration such as 90s, 30m, 2h or 1d"),
+        ("study.__main__", "scale=tiny", "scale/tiny"),
+    ],
+)
+def test_a_wrong_input_is_one_line(tmp_path, monkeypatch, capfd, name, wrong, words):
+    monkeypatch.chdir(tmp_path)
+    code, error = call(monkeypatch, capfd, name, wrong)
+    assert (code, error.count("\n")) == (2, 1)
+    assert words in error
+
+
+@pytest.mark.slow
+def test_a_study_trains_evaluates_and_reports_and_goes_on(tmp_path):
+    study = ("scale=smoke", "experiments=[table5,table6]", "perturbed=6", "folder=runs", "report=R.md")
+    short = launch("study", *study, "budget=150s", "pictures=pictures", folder=tmp_path)
+    assert short.returncode == 0, short.stderr
+    first = (tmp_path / "R.md").read_text()
+    assert "## Table 5" in first
+    assert {"figure2.png", "figure5.png", "figure6.png"} <= {
+        path.name for path in (tmp_path / "pictures").iterdir()
+    }
+    done = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("metrics.json")}
+    assert done
+    again = launch("study", *study, "budget=150s", "pictures=pictures", folder=tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert all(path.stat().st_mtime_ns == time for path, time in done.items())
+    assert len(list((tmp_path / "runs").rglob("metrics.json"))) > len(done)
