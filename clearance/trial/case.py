@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from clearance.trial.exudyn_plant import ExudynPlant
 from clearance.trial.plant import ExtraForce, Fault, Plant
 
-KINDS = ("none", "effect", "instrument", "pair", "outside", "left_out")
+KINDS = ("none", "effect", "instrument", "pair", "outside", "left_out", "beam")
 KNOWN_FRAME = {"frequency": 60.0, "damping_ratio": 0.03, "mass": 20.0}
 """A frame on springs that the tool is told of: some cases stand on it, whatever is missing."""
 _FOR_THE_PLANT = {"contact_stiffness": {"stiffness_scale": "scale"}}
@@ -83,7 +84,10 @@ class Case:
         )
 
     def plant(self, session: Session) -> Plant:
-        """The machine of one recording: at its speed from the outset, so that it needs no ramp."""
+        """The machine of one recording: at its speed from the outset, so that it needs no ramp.
+
+        The rod of a case of kind ``beam`` bends in one mode here; see ``beam``.
+        """
         effects = {
             name: plant_values(name, values, session.speed_rpm) for name, values in self.effects.items()
         }
@@ -93,6 +97,14 @@ class Case:
         return Plant(
             joint=self.joint, clearance=self.clearance, speed_rpm=session.speed_rpm, ramp=0.0,
             effects=effects, extra=ExtraForce(**force) if force else None,
+        )  # fmt: skip
+
+    def beam(self, session: Session) -> ExudynPlant:
+        """The machine of one recording of a case of kind ``beam``: its rod is one of beam elements."""
+        rod = self.effects["rod_flexibility"]
+        return ExudynPlant(
+            clearance=self.clearance, speed_rpm=session.speed_rpm, start_angle=session.start_angle,
+            rod_frequency=rod["frequency"], damping_ratio=rod["damping_ratio"],
         )  # fmt: skip
 
     def plant_faults(self) -> list[Fault]:

@@ -14,7 +14,7 @@ import numpy as np
 from clearance.trial.case import Case, plant_values
 from clearance.trial.chart import Z
 from clearance.trial.plant import FloatArray, Plant
-from clearance.trial.simulate import scenes_of
+from clearance.trial.simulate import responses_of, scenes_of
 from clearance.trial.visibility import Scene, response, unexplained
 
 
@@ -29,12 +29,11 @@ def left_over(case: Case, secrets: Mapping[str, Any], diagnosis: Mapping[str, An
     try:
         claimed = [_claimed(case, plant, diagnosis) for plant in map(case.plant, case.sessions)]
         scenes = scenes_of(secrets)
-        true = [case.plant(session) for session in case.sessions]
         found = float(diagnosis["clearance"]["after_m"])
         moved = [_with_clearance(scene, case.joint, case.clearance, found) for scene in scenes]
         changes = [
-            response(true[one.session], one) - response(claimed[two.session], two)
-            for one, two in zip(scenes, moved, strict=True)
+            true - response(claimed[scene.session], scene)
+            for true, scene in zip(responses_of(case, secrets), moved, strict=True)
         ]
         return unexplained(moved, changes, claimed, np.array(secrets["spread"]), clearance=False)
     except (ArithmeticError, KeyError, TypeError, ValueError):

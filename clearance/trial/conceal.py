@@ -12,6 +12,7 @@ from uuid import uuid4
 from clearance.errors import InputError
 from clearance.provenance import describe
 from clearance.trial.draw import Drawing, Scope
+from clearance.trial.exudyn_plant import load_exudyn
 from clearance.trial.plant import write_parquet
 from clearance.trial.seal import close, digest, unlock, write_private
 from clearance.trial.simulate import simulate
@@ -35,7 +36,8 @@ def conceal(
         report: called with progress.
 
     Raises:
-        InputError: if the folder holds a trial of another scope, or the truth would lie inside it.
+        InputError: if the folder holds a trial of another scope, the truth would lie inside it, or beams are
+            wanted without Exudyn.
     """
     if sealed.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"sealed = {sealed} lies inside folder = {folder}; set sealed to a folder elsewhere")
@@ -46,6 +48,8 @@ def conceal(
                 f"folder = {folder} holds a trial that was drawn otherwise; choose another folder"
             )
         return done
+    if scope.shares.get("beam", 0.0) > 0.0:
+        load_exudyn()
     drawing = Drawing(scope, _plan(scope, seed, sealed))
     with ThreadPoolExecutor(parallel) as pool:
         parts = list(pool.map(lambda i: _make(drawing, i, folder, sealed, report), range(scope.cases)))

@@ -15,6 +15,7 @@ from clearance.trial.repertoire import EFFECTS, FAULTS, FORCES, LEFT_OUT, SENSOR
 Generator = np.random.Generator
 _JITTER = 0.15  # a size is drawn within this share of the repertoire's, so that none is a round number
 _DECOY = 0.15  # of the cases with all their hypotheses needed lose another one: losing one tells nothing
+_USUAL = tuple(kind for kind in KINDS if kind != "beam")  # a beam needs Exudyn
 _WHOLE = frozenset({"order", "seed"})
 _LIVE = ("rod_b_transverse", "rod_b_axial", "rod_c_transverse", "rod_c_axial", "slider_horizontal")
 
@@ -39,7 +40,7 @@ class Scope:
     """
 
     cases: int = 12
-    shares: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(KINDS, 1.0))
+    shares: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(_USUAL, 1.0))
     clearance_range: Sequence[float] = (5e-5, 1e-3)
     speed_range: Sequence[float] = (500.0, 1000.0)
     seconds: Sequence[float] = (0.6, 1.0)
@@ -122,7 +123,7 @@ def _schedule(scope: Scope, rng: Generator) -> list[tuple[str, str, int]]:
     """Kind, item and size of each case: all items before one comes twice, all its sizes in turn."""
     items: dict[str, list[str]] = {
         "none": [""], "effect": list(EFFECTS), "instrument": list(FAULTS), "pair": [""],
-        "outside": list(FORCES), "left_out": list(LEFT_OUT),
+        "outside": list(FORCES), "left_out": list(LEFT_OUT), "beam": ["rod_flexibility"],
     }  # fmt: skip
     wanted = []
     for kind, count in counts(scope.shares, scope.cases).items():
@@ -183,10 +184,12 @@ def _missing(
             faults[name] = _fault(name, size, circumstances, rng)
         else:
             effects[second] = _effect(second, size, clearance, rng)
-    elif kind in ("effect", "left_out"):
+    elif kind in ("effect", "left_out", "beam"):
         effects[item] = _effect(item, size, clearance, rng)
         if item == "flexible_base":
             found["known_frame"] = False
+        if kind == "beam":  # what its plant can do
+            found |= {"joint": "C", "known_frame": False}
     elif kind == "instrument":
         faults[item] = _fault(item, size, circumstances, rng)
     elif kind == "outside":

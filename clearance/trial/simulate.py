@@ -15,7 +15,6 @@ from clearance.trial.plant import (
     MARGIN,
     FloatArray,
     Instant,
-    Plant,
     measure,
 )
 from clearance.trial.repertoire import SENSORS
@@ -37,7 +36,8 @@ class Simulated:
         case: with the limit of a saturation in m/s².
         recordings: one a session, ``time`` and channels.
         secrets: plain data: ``visibility`` of each thing that is missing, ``scenes``, ``spread`` (standard
-            deviations of the accelerations), ``curve`` (the true force and its possible arguments).
+            deviations of the accelerations), ``curve`` (the true force and its possible arguments); of a
+            beam ``responses``, (50, 10) accelerations over the 5 ms of each scene [m/s²].
     """
 
     case: Case
@@ -51,24 +51,20 @@ def simulate(case: Case) -> Simulated:
     Raises:
         FloatingPointError: if the machine of the case cannot run.
     """
-    plants = [case.plant(session) for session in case.sessions]
-    parts = [_run(plant, session) for plant, session in zip(plants, case.sessions, strict=True)]
+    run = _run_beam if case.kind == "beam" else _run
+    parts = [run(case, number) for number in range(len(case.sessions))]
     case = _with_limit(case, [signals for signals, _, _ in parts])
     channels = [*SENSORS[case.sensors], *(["crank_angle"] if case.encoder else [])]
     recordings = [
         _measure(case, session, signals[: _samples(session)], channels, case.noise, case.noise_seed + i)
         for i, (session, (signals, _, _)) in enumerate(zip(case.sessions, parts, strict=True))
     ]
-    scenes = [
-        Scene(i, one.time, chart(plants[i], one.state), one.memory)
-        for i, (_, instants, _) in enumerate(parts)
-        for one in instants
-    ]
-    spread = _spread(case, [signals for signals, _, _ in parts])
+    scenes = [scene for _, some, _ in parts for scene in some]
+    signals = [one for one, _, _ in parts]
+    spread, responses = _spread(case, signals), _responses(case, scenes, signals)
     secrets = {
         "visibility": {
-            name: _visibility(case, name, scenes, spread, [signals for signals, _, _ in parts])
-            for name in case.missing
+            name: _visibility(case, name, scenes, spread, signals, responses) for name in case.missing
         },
         "scenes": [
             {"session": s.session, "time": s.time, "state": s.state.tolist(), "memory": s.memory.tolist()}
@@ -77,6 +73,8 @@ def simulate(case: Case) -> Simulated:
         "spread": spread.tolist(),
         "curve": _curve(case, [truth for _, _, truth in parts]),
     }  # fmt: skip
+    if case.kind == "beam":
+        secrets["responses"] = [[_short(row) for row in one] for one in responses]
     return Simulated(case, recordings, secrets)
 
 
@@ -88,6 +86,13 @@ def scenes_of(secrets: Mapping[str, Any]) -> list[Scene]:
     ]
 
 
+def responses_of(case: Case, secrets: Mapping[str, Any]) -> list[FloatArray]:
+    """What the case's machine does over the 5 ms of each instant: (50, 10) accelerations [m/s²]."""
+    if "responses" in secrets:
+        return [np.array(one) for one in secrets["responses"]]
+    return _responses(case, scenes_of(secrets), [])
+
+
 def _end(session: Session) -> float:
     # a slow clock's recording lasts a little longer than it says
     return round(session.record_start + 1.07 * session.duration + 2 * MARGIN, 4)
@@ -97,13 +102,15 @@ def _samples(session: Session) -> int:
     return round(_end(session) * BASE_RATE)
 
 
-def _run(plant: Plant, session: Session) -> tuple[FloatArray, list[Instant], dict[str, FloatArray]]:
-    """Signals to the end of the last instant's 5 ms, the instants, and the true force with its arguments."""
+def _run(case: Case, number: int) -> tuple[FloatArray, list[Scene], dict[str, FloatArray]]:
+    """Signals of a recording and beyond, instants after its end, and the true force with its arguments."""
+    session = case.sessions[number]
+    plant = case.plant(session)
     start = Instant(0.0, plant.start(session.start_angle, session.speed_rpm), np.zeros(2))
     run, instant = plant.go_on(start, _end(session))
-    signals, instants, kept = [run.signals], [], []
+    signals, scenes, kept = [run.signals], [], []
     for _ in range(INSTANTS):
-        instants.append(instant)
+        scenes.append(Scene(number, instant.time, chart(plant, instant.state), instant.memory))
         run, after = plant.go_on(instant, round(AFTER / INSTANTS, 4), truth=True)
         signals.append(run.signals)
         every = len(run.signals) // _CURVE
@@ -116,7 +123,32 @@ def _run(plant: Plant, session: Session) -> tuple[FloatArray, list[Instant], dic
         kept.append(table)
         instant = after
     truth = {name: np.concatenate([table[name] for table in kept]) for name in kept[0]}
-    return np.concatenate(signals), instants, truth
+    return np.concatenate(signals), scenes, truth
+
+
+def _run_beam(case: Case, number: int) -> tuple[FloatArray, list[Scene], dict[str, FloatArray]]:
+    """Likewise with a rod of beam elements; no force is missing."""
+    session = case.sessions[number]
+    run = case.beam(session).run(_end(session) + AFTER)
+    scenes = []
+    for instant in range(INSTANTS):
+        time = round(_end(session) + instant * AFTER / INSTANTS, 4)
+        sample = round(time * BASE_RATE)
+        scenes.append(Scene(number, time, run.states[sample], np.array([0.0, run.memory[sample]])))
+    return run.signals, scenes, {}
+
+
+def _responses(case: Case, scenes: Sequence[Scene], signals: Sequence[FloatArray]) -> list[FloatArray]:
+    """See ``responses_of``; a beam's is what it did there, since a mode is not all of its state."""
+    if case.kind == "beam":
+        count = round(WINDOW * BASE_RATE)
+        firsts = [round(scene.time * BASE_RATE) for scene in scenes]
+        return [
+            averaged(signals[scene.session][first : first + count, : len(ACCELERATIONS)])
+            for scene, first in zip(scenes, firsts, strict=True)
+        ]
+    plants = [case.plant(session) for session in case.sessions]
+    return [response(plants[scene.session], scene) for scene in scenes]
 
 
 def _measure(
@@ -157,16 +189,17 @@ def _spread(case: Case, signals: Sequence[FloatArray]) -> FloatArray:
 
 
 def _visibility(
-    case: Case, name: str, scenes: Sequence[Scene], spread: FloatArray, signals: Sequence[FloatArray]
-) -> float:
+    case: Case, name: str, scenes: Sequence[Scene], spread: FloatArray, signals: Sequence[FloatArray],
+    responses: Sequence[FloatArray],
+) -> float:  # fmt: skip
     """Change over the detection threshold that one missing thing makes, the others being known."""
     other = case.lacking(name)
-    plants = [case.plant(session) for session in case.sessions]
     if name in case.faults:
+        plants = [case.plant(session) for session in case.sessions]
         changes = [_fault_change(case, other, name, scene, signals[scene.session]) for scene in scenes]
         return unexplained(scenes, changes, plants, spread)
     without = [other.plant(session) for session in case.sessions]
-    changes = [response(plants[s.session], s) - response(without[s.session], s) for s in scenes]
+    changes = [one - response(without[s.session], s) for one, s in zip(responses, scenes, strict=True)]
     return unexplained(scenes, changes, without, spread)
 
 
@@ -201,4 +234,8 @@ def _curve(case: Case, truths: Sequence[Mapping[str, FloatArray]]) -> dict[str, 
     found = {key: table[key] for key in (*_ARGUMENTS, "time")}
     found["rod_angle"] = np.arcsin(-crank * np.sin(table["crank_angle"]) / rod)  # but for the clearance
     found |= {"contact_force": table[f"NORMAL_{case.joint}"], "force": force}
-    return {key: [float(f"{x:.6g}") for x in values] for key, values in found.items()}
+    return {key: _short(values) for key, values in found.items()}
+
+
+def _short(values: FloatArray) -> list[float]:
+    return [float(f"{x:.6g}") for x in values]

@@ -11,7 +11,7 @@ from scipy.stats import binomtest
 Row = Mapping[str, Any]
 BINS = (0.0, 0.5, 1.0, 2.0, 5.0, 20.0, float("inf"))
 """Of the visibility, in a power curve: 1 is the detection threshold."""
-_NAMED = ("effect", "instrument", "pair")
+_NAMED = ("effect", "instrument", "pair", "beam")
 _UNNAMED = ("outside", "left_out")
 
 
@@ -47,7 +47,8 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     unnamed = [row for row in seen if row["kind"] in _UNNAMED]
     said = [row for row in rows if row["verdict"] is not None]
     held = [row["held_out"] for row in said if row["held_out"].get("after") is not None]
-    asserted = [parameter for row in said for parameter in row["parameters"]]
+    # a beam has no single mode: the one that comes nearest to it has no true value
+    asserted = [parameter for row in said if row["kind"] != "beam" for parameter in row["parameters"]]
     clearances = [row["clearance"] for row in said if row["clearance"] and row["right"]]
     curves = [row["curve_correlation"] for row in said if row["curve_correlation"] is not None]
     claims = [row for row in said if row["left_over"] is not None and _claims(row)]

@@ -71,6 +71,18 @@ def test_what_the_tool_is_told_fits_many_kinds_of_case(cases):
     assert all(not set(case.without) & set(case.missing) for case in decoys)
 
 
+def test_beams_are_rods_in_three_sizes_and_drawn_on_demand_alone():
+    drawing = Drawing(scope_of("experiment=trial_beam"), 3)
+    beams = [drawing.case(i) for i in range(6)]
+    assert Counter(case.size for case in beams) == {0: 2, 1: 2, 2: 2}
+    assert {(case.kind, case.joint, case.known_frame, case.missing) for case in beams} == {
+        ("beam", "C", False, ("rod_flexibility",))
+    }
+    assert all(case.beam(session).rod_frequency > 300.0 for case in beams for session in case.sessions)
+    assert "beam" not in Scope().shares
+    assert "beam" not in scope_of().shares
+
+
 def test_circumstances_do_not_depend_on_what_is_missing():
     drawn = []
     for kind in ("none", "effect"):
