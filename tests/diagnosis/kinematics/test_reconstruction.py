@@ -43,8 +43,9 @@ def run(made):
     return simulate_trajectory(made, Integrator("runge_kutta_4", 5e-6, 5), SETTLED + SECONDS + 0.02, 2)
 
 
-def recorded(made, noise=0.01, sensors=SENSORS):
+def recorded(made, noise=0.01, sensors=None):
     """A noisy recording, and the states at its samples."""
+    sensors = sensors or SENSORS
     found = run(made)
     first = round(SETTLED * CHAIN.base_rate)
     values = CHAIN.smooth(found.signals[:, list(sensors)])[first :: CHAIN.decimation]
