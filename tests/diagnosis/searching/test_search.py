@@ -333,7 +333,7 @@ def test_each_table_is_refined_from_its_own_forces():
         found = SimpleNamespace(fit=SimpleNamespace(values=np.array([row])), followers=[])
         return SimpleNamespace(**vars(found), misfit=5.0, scale=1.0, level=5.0)
 
-    def refit(explanation, held, followers, values, scale):
+    def refit(explanation, held, followers, values, scale, again):
         refitted.append(values[0, 1:-1])
         explanation.best = SimpleNamespace(hypotheses=held, scale=1.0, level=3.0)
 

@@ -107,7 +107,8 @@ def test_kinds_of_a_sensors_fault_are_compared_up_to_the_one_that_was_found(monk
 def test_effects_that_explain_less_than_right_ones_are_looked_beside(monkeypatch, found, expected):
     strategy = "clearance.diagnosis.searching.strategy."
     for name in (
-        "begin_shaking", "_search_all", "enlarge", "sharpen", "scrutinise", "retry_nominal", "contest", "prune"
+        "begin_shaking", "_search_all", "enlarge", "sharpen", "scrutinise", "retry_nominal", "contest",
+        "prune",
     ):  # fmt: skip
         monkeypatch.setattr(strategy + name, lambda *_: None)
     beside = []
