@@ -113,7 +113,9 @@ def align(
     phases = np.exp(1j * np.outer(np.arange(1, _HARMONICS + 1), 2.0 * np.pi * np.arange(360) / 360))
     best = (-np.inf, 0.0, 0.0)
     step = 0.5 / when[-1]
-    for speed in np.arange(low, high + step, step):
+    # of less than a turn the harmonics cannot be told apart: huge ones that cancel would score best
+    slowest = min(max(low, 2.0 * np.pi / when[-1]), high)
+    for speed in np.arange(slowest, high + step, step):
         waves = np.exp(1j * speed * np.outer(when, np.arange(1, _HARMONICS + 1)))
         basis = np.concatenate([np.ones((len(when), 1)), waves.real, waves.imag], axis=1)
         found = np.linalg.lstsq(basis, data, rcond=None)[0]

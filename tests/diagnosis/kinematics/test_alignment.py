@@ -61,6 +61,18 @@ def test_speed_and_angle_are_found(joint, clearance, rpm, sensors):
     assert 0.0 < explained < 1.0
 
 
+def test_a_recording_shorter_than_a_turn_at_the_slowest_speed_is_aligned():
+    """The harmonics of less than a turn, which cancel each other, must not score."""
+    machine, values, speed, angle = recorded("C", 1e-4, 830.0)
+    short = values[:1350, list(ROD)]  # 0.135 s: nearly two turns; one at 30 rad/s takes 0.21 s
+    ringing = (
+        0.1 * short.std(axis=0) * np.sin(2.0 * np.pi * 789.0 * np.arange(len(short)) / CHAIN.rate)[:, None]
+    )
+    found, start, _ = align(machine, short + ringing, ROD, CHAIN.rate, (15.7, 314.0))
+    assert found == pytest.approx(speed, rel=1e-2)
+    assert abs(turn(start - angle)) < 0.1
+
+
 def test_the_clearance_of_the_machine_does_not_matter():
     machine, values, *_ = recorded("C", 3e-4, 700.0)
     other = replace(machine, joint_c=Joint(1e-3), drive=SpeedControl(300.0))
