@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 
 from clearance.commands import command, threads
 from clearance.diagnosis.hypotheses.effect import load_effects
-from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.hypotheses.hypothesis import JOINTS, Setting
 from clearance.diagnosis.judging.outcome import Outcome, diagnose
 from clearance.diagnosis.motion.attempt import Findings
 from clearance.diagnosis.motion.outcome import diagnose as diagnose_motion
@@ -42,7 +42,6 @@ from clearance.whole_files import write_json
 
 log = logging.getLogger(__name__)
 
-JOINTS = ("B", "C")
 UNKNOWN = "unknown"
 _MOST = 999  # simulations: some seconds each
 

@@ -1,5 +1,6 @@
 """Pictures of a model's errors, drawn without a display."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -61,4 +62,22 @@ def new_figure(width: float, height: float) -> Figure:
     # Without pyplot: no global list of figures, nothing to close.
     figure = Figure(figsize=(width, height), layout="constrained", dpi=110)
     FigureCanvasAgg(figure)
+    return figure
+
+
+def best_of_each_size(groups: Sequence[Sequence[tuple[Sequence[str], float]]], title: str) -> Figure:
+    """Bars of errors [m] over sets of channels, one panel a size, on one logarithmic scale."""
+    figure = new_figure(9, 0.6 + 0.28 * sum(map(len, groups)) + 0.3 * len(groups))
+    panels = figure.subplots(
+        len(groups), 1, sharex=True, squeeze=False, height_ratios=[len(group) for group in groups]
+    )[:, 0]
+    for axes, group in zip(panels, groups, strict=True):
+        names = [", ".join(channels) for channels, _ in group]
+        axes.barh(range(len(group)), [error * 1e6 for _, error in group], height=0.6)
+        axes.set_yticks(range(len(group)), names, fontsize=7)
+        axes.invert_yaxis()
+        axes.set_xscale("log")
+        axes.grid(axis="x", which="both", linewidth=0.3)
+    panels[0].set_title(title)
+    panels[-1].set_xlabel("least mean error of a window [µm]")
     return figure

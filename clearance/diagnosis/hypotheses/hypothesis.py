@@ -15,6 +15,7 @@ from clearance.mechanism.drive import Drive, SpeedControl
 from clearance.mechanism.joint import CLEARANCE_RANGE
 from clearance.mechanism.slider_crank import SliderCrank
 
+JOINTS = ("B", "C")
 SMALLEST_CLEARANCE = 5e-6  # m; below, the joint is as good as ideal
 _STEP = 1e-4  # of a parameter's plausible size, for its derivative
 _REACH = 0.3  # of it: change that a linearisation surely bears

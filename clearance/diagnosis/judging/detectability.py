@@ -192,7 +192,7 @@ def deviations(
     """
     model, values = setting.model(), np.array([clearance, speed])
     machine = model.machine(values)
-    follower = _on_its_path(machine, noise)
+    follower = follower_on_path(machine, noise)
     columns, _ = model.columns(values)
     one = follower.look(machine, [*columns, *(_varied(h, machine) for h in hypotheses)])
     one = _with_faults(one, follower.measured, faults)
@@ -222,8 +222,11 @@ def _varied(hypothesis: Hypothesis, machine: SliderCrank) -> SliderCrank:
     return hypothesis.apply(machine, values)
 
 
-def _on_its_path(machine: SliderCrank, noise: float) -> Follower:
-    """A follower on a noiseless recording of the machine by all accelerometers, at the true nodes."""
+def follower_on_path(machine: SliderCrank, noise: float = NOISE) -> Follower:
+    """A follower on a noiseless recording of the machine by all accelerometers, at the true nodes.
+
+    ``noise`` is what it is held to have: standard deviation over that of the channel.
+    """
     chain = MeasurementChain()
     integrator = Integrator("runge_kutta_4", 1.0 / chain.base_rate, 2)
     first, periods = round(_SETTLED * chain.base_rate), SAMPLES * chain.decimation

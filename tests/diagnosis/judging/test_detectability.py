@@ -8,13 +8,13 @@ import pytest
 from clearance.diagnosis.hypotheses.effect import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.judging.detectability import (
-    _on_its_path,
     _standard_errors,
     _with_faults,
     detectability_map,
     deviations,
     differentiable,
     faults_of_sensors,
+    follower_on_path,
     seen,
     smallest,
 )
@@ -90,7 +90,7 @@ def test_a_sensors_fault_of_that_size_is_estimated_three_errors_away_from_off(na
     model, values = SETTING.model(), np.array([CLEARANCE, RPM])
     machine = model.machine(values)
     channel = ACCELERATIONS.index("slider_horizontal")
-    truth = _on_its_path(machine, 0.01)
+    truth = follower_on_path(machine, 0.01)
     steps = np.array([*(model.step(values, i) for i in range(2)), *[1.0] * len(ACCELERATIONS)])
     clean = _with_faults(truth.look(machine, model.columns(values)[0]), truth.measured, [fault]).solve()
     error = _standard_errors(clean.gram, steps, model)[channel]
@@ -124,7 +124,7 @@ def test_fits_find_an_effect_of_that_size_and_not_a_third_of_it(name, sensors):
         seconds = 0.3
         error = deviations(SETTING, [hypothesis], CLEARANCE, RPM, [sensors])[sensors.name][0]
         values[0] += share * smallest(error) / np.sqrt(seconds)
-        truth = _on_its_path(hypothesis.apply(SETTING.model().machine(start[0, [0, -1]]), values), 0.01)
+        truth = follower_on_path(hypothesis.apply(SETTING.model().machine(start[0, [0, -1]]), values), 0.01)
         assert truth.measured.seconds == pytest.approx(seconds)
         use = [ACCELERATIONS.index(channel) for channel in sensors.channels]
         found[share] = 0

@@ -1,0 +1,91 @@
+"""Which sensors tell the clearance: ``python -m clearance.placement joint=C``."""
+
+import logging
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hydra.core.hydra_config import HydraConfig
+from hydra.utils import instantiate
+from omegaconf import DictConfig
+from threadpoolctl import threadpool_limits
+
+from clearance.commands import command, threads
+from clearance.diagnosis.hypotheses.hypothesis import JOINTS, Setting
+from clearance.diagnosis.judging.placement import Conditions, expected_errors, subsets
+from clearance.errors import InputError
+from clearance.evaluation.figures import best_of_each_size
+from clearance.provenance import describe
+from clearance.recording.channels import ACCELERATIONS
+from clearance.whole_files import write_atomically, write_json
+
+log = logging.getLogger(__name__)
+_SHOWN = 3  # sets of each size
+
+
+@command("placement")
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def main(cfg: DictConfig) -> None:
+    """Rank the sets, show the best of each size, write ``placement.json`` and ``placement.png``."""
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    joint = str(cfg.joint.name)
+    if joint not in JOINTS:
+        raise InputError(
+            f"joint={joint}: sensors are chosen for the clearance of one joint; joint=B or joint=C"
+        )
+    channels = instantiate(cfg.sensors, _convert_="all").channels
+    other = [name for name in channels if name not in ACCELERATIONS]
+    if other:
+        raise InputError(f"sensors.channels: {other} are no accelerations; choose from {list(ACCELERATIONS)}")
+    for name, most in (("most", len(channels)), ("best", 999)):
+        if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or not 1 <= cfg[name] <= most:
+            raise InputError(f"{name} = {cfg[name]!r} is not a whole number from 1 to {most}; change {name}")
+    setting = Setting(instantiate(cfg.mechanism, _convert_="all"), joint)
+    conditions: Conditions = instantiate(cfg.conditions, _convert_="all")
+    sets = subsets(channels, cfg.most)
+    log.info("%d sets of at most %d channels, joint %s", len(sets), cfg.most, joint)
+    errors = expected_errors(setting, sets, conditions, threads(cfg.workers))
+    order = np.argsort(errors.mean(axis=(1, 2)), kind="stable")
+    ranking = [
+        {"channels": list(sets[i]), "error_m": float(errors[i].mean()), "at_m": errors[i].tolist()}
+        for i in order
+    ]
+    write_json(folder / "placement.json", {"joint": joint, **describe(conditions), "ranking": ranking})
+    shown = best_by_size(ranking, _SHOWN)
+    figure = best_of_each_size(
+        [[(one["channels"], one["error_m"]) for one in group] for group in shown],
+        f"What {conditions.window * 1e3:g} ms leave unknown of the clearance in joint {joint}",
+    )
+    write_atomically(folder / "placement.png", lambda file: figure.savefig(file, dpi=110))
+    sys.stdout.write(table(shown) + "\n" + training(ranking[: cfg.best], joint) + "\n")
+    log.info("written to %s", folder)
+
+
+def best_by_size(ranking: Sequence[dict[str, Any]], count: int) -> list[list[dict[str, Any]]]:
+    """The first ``count`` sets of one channel, of two, and so on, from a ranking, the best first."""
+    most = max(len(one["channels"]) for one in ranking)
+    return [[one for one in ranking if len(one["channels"]) == size][:count] for size in range(1, most + 1)]
+
+
+def table(groups: Sequence[Sequence[dict[str, Any]]]) -> str:
+    """Micrometres for people, the best sets of each size."""
+    lines = ["sensors  least error of a window  channels"]
+    lines += [
+        f"{len(one['channels']):>7}  {one['error_m'] * 1e6:>17.3g} µm  {', '.join(one['channels'])}"
+        for group in groups
+        for one in group
+    ]
+    return "\n".join(lines)
+
+
+def training(ranking: Sequence[dict[str, Any]], joint: str) -> str:
+    """The command that trains on each of some sets."""
+    sets = ",".join("[" + ",".join(one["channels"]) + "]" for one in ranking)
+    command = "python -m clearance.train -m model=tcn"
+    return f"to train on the best: {command} joint={joint} 'sensors.channels={sets}'"
+
+
+if __name__ == "__main__":
+    main()

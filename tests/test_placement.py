@@ -1,0 +1,53 @@
+"""The command that ranks sensors: what it writes, what it says, what it refuses."""
+
+import json
+
+import pytest
+
+from clearance.placement import best_by_size, training
+from tests.command_line import call
+
+
+def test_it_ranks_sets_and_writes_a_file_and_a_picture(monkeypatch, capfd, tmp_path):
+    code, _ = call(
+        monkeypatch, capfd, "placement", "conditions.clearances=[3e-4]", "conditions.speeds=[700]", "most=2",
+        "sensors.channels=[rod_b_axial,slider_vertical,slider_horizontal]", "workers=1",
+        f"hydra.run.dir={tmp_path}",
+    )  # fmt: skip
+    assert code == 0
+    found = json.loads((tmp_path / "placement.json").read_text())
+    first, last = found["ranking"][0], found["ranking"][-1]
+    assert len(found["ranking"]) == 6
+    assert first["channels"] == ["rod_b_axial", "slider_horizontal"]
+    assert last["channels"] == ["slider_vertical"]
+    assert 0.0 < first["error_m"] < 1e-6 < last["error_m"]
+    assert found["sensors"]["default"]["noise_density"] == pytest.approx(1.23e-3)
+    assert (tmp_path / "placement.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("joint=both", "joint=both"),
+        ("sensors.channels=[crank_angle]", "crank_angle"),
+        ("most=11", "most = 11"),
+        ("best=0", "best = 0"),
+        ("sensor_chain=ideal", "without noise"),
+    ],
+)
+def test_wrong_input_is_one_line(monkeypatch, capfd, tmp_path, override, words):
+    code, error = call(monkeypatch, capfd, "placement", override, f"hydra.run.dir={tmp_path}")
+    assert code == 2
+    assert words in error
+    assert len(error.strip().splitlines()) == 1
+
+
+def test_the_best_of_each_size_and_how_to_train_on_them():
+    ranking = [
+        {"channels": list(names), "error_m": i * 1e-7} for i, names in enumerate(["ab", "a", "ac", "b", "bc"])
+    ]
+    assert [[one["channels"] for one in group] for group in best_by_size(ranking, 2)] == [
+        [["a"], ["b"]],
+        [["a", "b"], ["a", "c"]],
+    ]
+    assert "'sensors.channels=[a,b],[a]'" in training(ranking[:2], "C")
