@@ -6,6 +6,7 @@ import resource
 import sys
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 from typing import Any
 
 
@@ -28,6 +29,17 @@ def fingerprint(value: Any) -> str:
 
 
 def peak_memory() -> float:
-    """Largest resident memory of this process so far [MiB]."""
+    """Largest resident memory of this process so far [MiB].
+
+    Where the kernel tells it (Linux), its own; elsewhere also that of the one which started it, whose record
+    a new program inherits.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        return next(
+            int(line.split()[1]) / 2**10
+            for line in status.read_text(encoding="utf-8").splitlines()
+            if line.startswith("VmHWM:")
+        )
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (2**20 if sys.platform == "darwin" else 2**10)  # bytes there, KiB elsewhere
