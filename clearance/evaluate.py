@@ -72,14 +72,15 @@ def main(cfg: DictConfig) -> None:
 
 def measure_coverage(run: Path, recordings: int) -> None:
     """Write ``fresh.json`` beside a training unless it is there with as many recordings."""
-    if (run / FRESH).exists() and read_json(run / FRESH)["summary"]["recordings"] >= recordings:
+    if (run / FRESH).exists() and read_json(run / FRESH)[0]["summary"]["recordings"] >= recordings:
         return
     config: dict[str, Any] = read_yaml(run / CONFIG) or {}
-    if "campaign" not in config or "target" not in config:
+    if "campaign" not in config:
         raise InputError(f"{run / CONFIG}: no campaign there, so nothing fresh can be simulated; set fresh=0")
     campaign = instantiate_trusted(config["campaign"], str(run / CONFIG))
     log.info("%s: %d fresh recordings", run, recordings)
-    write_json(run / FRESH, evaluate_fresh(load_gauge(run), campaign, config["target"], recordings).to_json())
+    fresh = evaluate_fresh(load_gauge(run), campaign, recordings)
+    write_json(run / FRESH, [joint.to_json() for joint in fresh])
 
 
 def measure_perturbed(runs: Path, perturbations: Mapping[str, Perturbation], recordings: int) -> None:

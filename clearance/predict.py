@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 from clearance.commands import command
 from clearance.errors import InputError
 from clearance.models.gauge import Estimate, Gauge
+from clearance.models.location import LOCATIONS, location
 from clearance.models.run_folder import CONFIG
 from clearance.models.trusted import instantiate_trusted
 from clearance.recording.correction import corrected
@@ -27,11 +28,11 @@ def main(cfg: DictConfig) -> None:
     paths = cfg.recordings if OmegaConf.is_list(cfg.recordings) else [cfg.recordings]
     if not paths:
         raise InputError("recordings=[]: at least one file is needed; set recordings")
-    estimates = {str(path): estimate_file(gauge, Path(str(path))) for path in paths}
+    found = {str(path): estimate_file(gauge, Path(str(path))) for path in paths}
     output = Path(str(cfg.output))
     output.parent.mkdir(parents=True, exist_ok=True)
-    write_json(output, [{"path": path, **asdict(estimate)} for path, estimate in estimates.items()])
-    sys.stdout.write(table(estimates, gauge.interval.coverage))
+    write_json(output, [{"path": path, **asdict(one)} for path, each in found.items() for one in each])
+    sys.stdout.write(table(found, gauge.intervals[0].coverage) + locations(found))
     log.info("written to %s", output)
 
 
@@ -46,8 +47,8 @@ def load_gauge(folder: Path) -> Gauge:
     return Gauge.load(instantiate_trusted(model, str(folder / CONFIG)), folder)
 
 
-def estimate_file(gauge: Gauge, path: Path) -> Estimate:
-    """Estimate one file; errors name it."""
+def estimate_file(gauge: Gauge, path: Path) -> tuple[Estimate, ...]:
+    """Estimate one file, a clearance a joint; errors name it."""
     recording = corrected(read(path))
     missing = [name for name in gauge.channels if name not in recording.channels]
     if missing:
@@ -62,19 +63,22 @@ def estimate_file(gauge: Gauge, path: Path) -> Estimate:
         raise InputError(f"{path}: {error}") from error
 
 
-def table(estimates: dict[str, Estimate], coverage: float) -> str:
-    """Millimetres for people, one line a recording."""
-    head = ("recording", "clearance mm", f"{coverage:.0%} interval mm", "spread mm", "windows", "trusted")
+def table(found: dict[str, tuple[Estimate, ...]], coverage: float) -> str:
+    """Millimetres for people, one line a recording and joint."""
+    interval = f"{coverage:.0%} interval mm"
+    head = ("recording", "joint", "clearance mm", interval, "spread mm", "windows", "trusted")
     rows = [
         (
             path,
+            one.joint,
             f"{one.clearance_m * 1e3:.4f}",
             f"{one.low_m * 1e3:.4f} - {one.high_m * 1e3:.4f}",
             f"{one.spread_m * 1e3:.4f}",
             str(one.windows),
             "yes" if one.trusted else f"no: {one.reason}",
         )
-        for path, one in estimates.items()
+        for path, each in found.items()
+        for one in each
     ]
     widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
     lines = [
@@ -82,6 +86,17 @@ def table(estimates: dict[str, Estimate], coverage: float) -> str:
         for row in [head, *rows]
     ]
     return "\n".join(lines) + "\n"
+
+
+def locations(found: dict[str, tuple[Estimate, ...]]) -> str:
+    """A line a recording that says which joints have clearance; none where the model takes it for granted."""
+    said = {
+        path: [one.has_clearance for one in each if one.has_clearance is not None]
+        for path, each in found.items()
+    }
+    return "".join(
+        f"{path}: clearance in {LOCATIONS[int(location(loose))]}\n" for path, loose in said.items() if loose
+    )
 
 
 if __name__ == "__main__":

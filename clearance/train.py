@@ -130,6 +130,12 @@ def judge(
         test.metrics["recording_nmae"] * 1e4 * cfg.clearance_range, test.metrics["recording_nmae"],
         test.metrics["nmae"] * 1e4 * cfg.clearance_range, test.metrics["nmae"], seconds,
     )  # fmt: skip
+    if "location_accuracy" in test.metrics:
+        log.info(
+            "where clearance is was told rightly of %.1f %% of them; mean error a recording %.2f %% in B, "
+            "%.2f %% in C", 100 * test.metrics["location_accuracy"], test.metrics["recording_nmae_b"],
+            test.metrics["recording_nmae_c"],
+        )  # fmt: skip
 
 
 def validation_error(runs: Sequence[RunFolder]) -> float:

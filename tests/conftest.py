@@ -13,7 +13,7 @@ class Chirps(FixedSource):
         self.runs, self.samples, self.seed, self.rate = runs, samples, seed, rate
         self.spoil = None
 
-    def load(self, channels, target, limit):
+    def load(self, channels, targets, limit):
         check_memory(self.runs * self.samples * len(channels) * 4, limit)
         rng = np.random.default_rng(self.seed)
         clearance = rng.uniform(0, 1e-3, self.runs)
@@ -23,12 +23,14 @@ class Chirps(FixedSource):
         frequency = 200 + 1.5e6 * clearance[:, None, None]
         signals = (5 + 5e4 * clearance[:, None, None]) * np.sin(2 * np.pi * frequency * time + phase)
         signals += rng.normal(0, 0.5, signals.shape)
+        # Half of them have clearance in B, of which the signals say nothing.
+        labels = {"clearance_c": clearance, "clearance_b": clearance[::-1] * (np.arange(self.runs) % 2)}
         return LabelledRecordings(
             channels=tuple(channels),
             rate=self.rate,
             signals=signals.astype(np.float32).reshape(-1, len(channels)),
             lengths=np.full(self.runs, self.samples),
-            target=clearance,
+            target=np.stack([labels[name] for name in targets], axis=1),
             speed=speed,
             groups=np.arange(self.runs),
             fingerprint=f"chirps-{self.runs}-{self.samples}-{self.seed}",

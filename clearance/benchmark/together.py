@@ -35,7 +35,7 @@ class Noise(FixedSource):
 
     recordings: int
 
-    def load(self, channels: Sequence[str], target: str, limit: int) -> LabelledRecordings:
+    def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Draw them."""
         rng = np.random.default_rng(0)
         count, samples = self.recordings, 10 * _LENGTH
@@ -44,7 +44,7 @@ class Noise(FixedSource):
             rate=1e4,
             signals=rng.standard_normal((count * samples, len(channels)), dtype=np.float32),
             lengths=np.full(count, samples),
-            target=rng.uniform(0.0, 1e-3, count),
+            target=rng.uniform(0.0, 1e-3, (count, len(targets))),
             speed=np.full(count, np.nan),
             groups=np.arange(count),
             fingerprint="noise",
@@ -72,7 +72,7 @@ def measure_together(
         announce: Called with every row.
     """
     data = WindowData(
-        Noise(max(-(-steps * _BATCH // 7), 10)), _CHANNELS, "clearance", RandomSplit(),
+        Noise(max(-(-steps * _BATCH // 7), 10)), _CHANNELS, ("clearance_c",), RandomSplit(),
         RegularWindows(_LENGTH, _LENGTH), _BATCH,
     )  # fmt: skip
     data.setup()

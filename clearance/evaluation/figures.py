@@ -8,6 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from clearance.models.location import LOCATIONS
+
 _POINT: dict[str, Any] = {"s": 6, "alpha": 0.35, "linewidths": 0}
 
 
@@ -45,6 +47,21 @@ def error_against_clearance_and_speed(
         axes.set(xlabel=label, ylabel="absolute error [µm]", yscale="log")
         axes.legend()
     figure.suptitle(title)
+    return figure
+
+
+def location_confusion(counts: np.ndarray, title: str) -> Figure:
+    """Recordings by where they have clearance and where they are said to, (true, said) counts."""
+    figure = new_figure(5, 4.5)
+    axes = figure.add_subplot()
+    shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0)
+    for (row, column), count in np.ndenumerate(counts):
+        colour = "white" if shares[row, column] > 0.5 else "black"
+        axes.annotate(str(count), (column, row), ha="center", va="center", color=colour)
+    places = range(len(LOCATIONS))
+    axes.set(xticks=places, yticks=places, xticklabels=LOCATIONS, yticklabels=LOCATIONS)
+    axes.set(xlabel="said to have clearance", ylabel="has clearance", title=title)
     return figure
 
 

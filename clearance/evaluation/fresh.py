@@ -8,6 +8,7 @@ from scipy import stats
 
 from clearance.models.gauge import Gauge
 from clearance.recording.channels import ACCELERATIONS
+from clearance.recording.dataset import LABELS
 from clearance.recording.synthesis import Campaign
 
 FRESH = "fresh.json"
@@ -16,8 +17,9 @@ _OTHER_SEED = 1_000_000  # added to the training's: none of its runs, streamed o
 
 @dataclass(frozen=True)
 class FreshEvaluation:
-    """Estimates of freshly simulated recordings, (recordings,) each, lengths in metres."""
+    """Estimates of one joint from freshly simulated recordings, (recordings,) each, lengths in metres."""
 
+    joint: str
     truth: list[float]
     estimate: list[float]
     low: list[float]
@@ -31,6 +33,7 @@ class FreshEvaluation:
         covered = (low <= truth) & (truth <= high)
         exact = stats.binomtest(int(covered.sum()), len(truth)).proportion_ci(0.95, method="exact")
         return {
+            "joint": self.joint,
             "recordings": len(truth),
             "coverage": float(covered.mean()),
             "coverage_low": float(exact.low),
@@ -45,23 +48,29 @@ class FreshEvaluation:
         return {"summary": self.summary(), **asdict(self)}
 
 
-def evaluate_fresh(gauge: Gauge, campaign: Campaign, target: str, recordings: int) -> FreshEvaluation:
+def evaluate_fresh(gauge: Gauge, campaign: Campaign, recordings: int) -> list[FreshEvaluation]:
     """Simulate recordings like those of the training and estimate them one by one.
 
     Args:
         gauge: trained and calibrated.
         campaign: that made the training data; another seed makes new runs of it.
-        target: name of the label, ``clearance_b`` or ``clearance_c``.
         recordings: how many.
+
+    Returns:
+        One a joint whose clearance is estimated.
     """
     columns = [ACCELERATIONS.index(name) for name in gauge.channels]
     signals, labels = replace(campaign, seed=campaign.seed + _OTHER_SEED).fresh(recordings, epoch=0)
     chain = asdict(campaign.chain)
     found = [gauge.estimate(one[:, columns].astype(float), campaign.chain.rate, chain) for one in signals]
-    return FreshEvaluation(
-        labels[:, ("clearance_b", "clearance_c").index(target)].tolist(),
-        [one.clearance_m for one in found],
-        [one.low_m for one in found],
-        [one.high_m for one in found],
-        [one.trusted for one in found],
-    )
+    return [
+        FreshEvaluation(
+            joint,
+            labels[:, LABELS.index(target)].tolist(),
+            [one.clearance_m for one in own],
+            [one.low_m for one in own],
+            [one.high_m for one in own],
+            [one.trusted for one in own],
+        )
+        for joint, target, own in zip(gauge.joints, gauge.targets, zip(*found, strict=True), strict=True)
+    ]

@@ -20,11 +20,11 @@ _CLEARANCES = (1e-4, 4e-4, 8e-4)  # m, shown side by side
 _SPEED = 500.0  # rpm
 
 
-def overview(fresh: dict[str, Any], name: str) -> Figure:
+def overview(fresh: list[dict[str, Any]], name: str) -> Figure:
     """Three panels.
 
     Args:
-        fresh: what ``FreshEvaluation.to_json`` gave.
+        fresh: what ``FreshEvaluation.to_json`` gave of each joint.
         name: of the model that made it.
     """
     figure = Figure(figsize=(13, 4.2), layout="constrained")
@@ -73,12 +73,14 @@ def _draw_signals(axes: Axes) -> None:
     axes.legend(loc="lower right", fontsize=8, ncols=3)
 
 
-def _draw_estimates(axes: Axes, fresh: dict[str, Any], name: str) -> None:
-    truth, estimate, low, high = (np.array(fresh[key]) * 1e3 for key in ("truth", "estimate", "low", "high"))
+def _draw_estimates(axes: Axes, fresh: list[dict[str, Any]], name: str) -> None:
+    truth, estimate, low, high = (
+        np.concatenate([joint[key] for joint in fresh]) * 1e3 for key in ("truth", "estimate", "low", "high")
+    )
     axes.plot([0.0, 1.0], [0.0, 1.0], color="0.5", linewidth=1)
     bars = np.stack([np.maximum(estimate - low, 0.0), np.maximum(high - estimate, 0.0)])
     axes.errorbar(truth, estimate, bars, fmt=".", markersize=3, linewidth=0.8, color="#1f4e79")
-    summary = fresh["summary"]
-    error = summary["mean_absolute_error_m"] * 1e6
+    recordings = fresh[0]["summary"]["recordings"]
+    error = np.abs(estimate - truth).mean() * 1e3
     axes.set(xlabel="true clearance [mm]", ylabel="estimate with 90 % interval [mm]")
-    axes.set_title(f"{summary['recordings']} new recordings: {error:.1f} µm mean error\n{name}", fontsize=10)
+    axes.set_title(f"{recordings} new recordings: {error:.1f} µm mean error\n{name}", fontsize=10)

@@ -26,7 +26,7 @@ def collect(folder: Path) -> list[dict[str, Any]]:
 
 def _row(run: Path) -> dict[str, Any]:
     metrics, config = read_json(run / METRICS), read_yaml(run / CONFIG) or {}
-    fresh = read_json(run / FRESH)["summary"] if (run / FRESH).exists() else None
+    fresh = [one["summary"] for one in read_json(run / FRESH)] if (run / FRESH).exists() else []
     return {
         "name": config.get("name", run.name),
         "experiment": run.parent.name,
@@ -63,9 +63,7 @@ def markdown(rows: Sequence[dict[str, Any]]) -> str:
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:
     test, fresh = row["test"], row["fresh"]
-    held = "not measured"
-    if fresh:
-        held = "{coverage:.1%} of {recordings} ({coverage_low:.1%}-{coverage_high:.1%})".format(**fresh)
+    held = "{coverage:.1%} of {recordings} ({coverage_low:.1%}-{coverage_high:.1%})"
     return (
         row["experiment"],
         row["name"],
@@ -74,7 +72,7 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
         f"{test['nrmse']:.2f} %",
         f"{test['p95_ae'] * 1e6:.1f} µm",
         f"{test['recording_nmae']:.2f} %",
-        held,
+        ", ".join(held.format(**joint) for joint in fresh) or "not measured",
         f"{row['training_seconds'] / 60:.1f} min",
     )
 

@@ -31,7 +31,7 @@ class Estimator(Protocol):
         ...
 
     def predict(self, windows: WindowSet) -> np.ndarray:
-        """Scaled clearances (windows,), float64."""
+        """Scaled clearances (windows, targets), float64."""
         ...
 
     def save(self, folder: Path) -> None:

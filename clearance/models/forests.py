@@ -24,14 +24,15 @@ _ROWS = 2048  # windows at a time: bounds the memory to 2048 x trees nodes
 class Trees:
     """Binary trees as plain arrays: what a file of numbers can hold, and a few lines can evaluate.
 
-    All arrays are (nodes,), the trees one after another; a leaf is its own child on both sides.
+    Arrays are (nodes,) where nothing else is said, the trees one after another; a leaf is its own child on
+    both sides.
     """
 
     left: np.ndarray
     right: np.ndarray
     feature: np.ndarray
     threshold: np.ndarray  # of the feature; not above it goes left
-    value: np.ndarray  # of a leaf
+    value: np.ndarray  # (nodes, targets) of a leaf
     roots: np.ndarray  # (trees,) first node of each
     depth: np.ndarray  # (1,) of the deepest
 
@@ -50,12 +51,14 @@ class Trees:
             right=children[1],
             feature=np.concatenate([np.maximum(t.feature, 0) for t in trees]),
             threshold=np.concatenate([t.threshold for t in trees]),
-            value=np.concatenate([t.value[:, 0, 0] for t in trees]),
+            value=np.concatenate([t.value[:, :, 0] for t in trees]),
             roots=roots[:-1],
             depth=np.array([max(t.max_depth for t in trees)]),
         )
 
     def __post_init__(self) -> None:
+        if self.value.ndim != 2:
+            raise ValueError("value is not (nodes, targets)")
         nodes = len(self.value)
         for name in ("left", "right", "roots"):
             index = getattr(self, name)
@@ -63,7 +66,7 @@ class Trees:
                 raise ValueError(f"{name} does not point at nodes")
 
     def predict(self, rows: np.ndarray) -> np.ndarray:
-        """Mean of the trees for (windows, features)."""
+        """Mean of the trees for (windows, features): (windows, targets)."""
         return np.concatenate(
             [self._predict(part) for part in np.array_split(rows, -(-len(rows) // _ROWS) or 1)]
         )
@@ -110,7 +113,8 @@ class RandomForest:
         windows = data.training_windows()
         begin = time.perf_counter()
         forest = RandomForestRegressor(**self._settings, random_state=run.seed)
-        self.trees = Trees.of(forest.fit(windows.flattened(), windows.target.numpy()))
+        target = windows.target.squeeze(1)  # of one target the library wants no column
+        self.trees = Trees.of(forest.fit(windows.flattened(), target.numpy()))
         return time.perf_counter() - begin
 
     def predict(self, windows: WindowSet) -> np.ndarray:
@@ -131,7 +135,7 @@ class RandomForest:
 
 
 class GradientBoosting:
-    """XGBoost, equation (11).
+    """XGBoost, equation (11); of several targets each has trees of its own.
 
     Args:
         rounds: Number of trees.
@@ -191,7 +195,8 @@ class GradientBoosting:
 
     def predict(self, windows: WindowSet) -> np.ndarray:
         """Sum of the trees."""
-        return self.model.predict(xgboost.DMatrix(windows.flattened())).astype(np.float64)
+        found = self.model.predict(xgboost.DMatrix(windows.flattened())).astype(np.float64)
+        return found.reshape(len(windows), -1)  # of one target the library gives no column
 
     def save(self, folder: Path) -> None:
         """Write ``model.ubj``, XGBoost's own format of numbers."""

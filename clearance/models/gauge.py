@@ -1,4 +1,4 @@
-"""A trained estimator as an instrument: from a recording to one clearance, its interval and trust."""
+"""A trained estimator as an instrument: from a recording to clearances, their intervals and trust."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,9 +13,10 @@ from clearance.mechanism.parameters import require
 from clearance.models.estimator import Estimator
 from clearance.models.familiarity import Familiarity
 from clearance.models.interval import ConformalInterval, robust_mean, spread
+from clearance.models.location import choose_threshold
 from clearance.recording.chain import chain_differences, declared_chain
 from clearance.whole_files import read_json, write_json
-from clearance.windows.datamodule import WindowData
+from clearance.windows.datamodule import TARGETS, WindowData
 from clearance.windows.scaling import Scalers
 from clearance.windows.window_set import WindowSet
 from clearance.windows.windowing import RegularWindows
@@ -23,8 +24,9 @@ from clearance.windows.windowing import RegularWindows
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a recording says about the clearance."""
+    """What a recording says about the clearance of one joint."""
 
+    joint: str  # B or C
     clearance_m: float
     low_m: float
     high_m: float
@@ -32,6 +34,7 @@ class Estimate:
     windows: int
     trusted: bool
     reason: str
+    has_clearance: bool | None  # None: the model takes it for granted
 
 
 @dataclass(frozen=True)
@@ -56,13 +59,32 @@ class Calibration:
 
 @dataclass
 class Gauge:
-    """An estimator with the scalers, interval and familiarity that belong to it."""
+    """An estimator with what belongs to it.
+
+    Attributes:
+        estimator: gives the windows' clearances.
+        scalers: of its inputs and outputs.
+        targets: names of the clearances that it gives.
+        intervals: one a target.
+        thresholds: one a target, above which a joint is said to have clearance [m]; ``None`` of one target:
+            where the clearance is was known.
+        familiarity: with its training.
+        chain: of measurement, in training.
+    """
 
     estimator: Estimator
     scalers: Scalers
-    interval: ConformalInterval
+    targets: tuple[str, ...]
+    intervals: tuple[ConformalInterval, ...]
+    thresholds: tuple[float, ...] | None
     familiarity: Familiarity
-    chain: Mapping[str, Any]  # of measurement, in training
+    chain: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        thresholds = self.targets if self.thresholds is None else self.thresholds
+        each = (self.scalers.target.low, self.intervals, thresholds)
+        if self.targets not in TARGETS or any(len(one) != len(self.targets) for one in each):
+            raise ValueError(f"scalers, intervals and thresholds are not those of {self.targets}")
 
     @classmethod
     def calibrate(
@@ -91,11 +113,24 @@ class Gauge:
             [recordings.recording(int(i)) for i in data.parts.test],
             false_rejection,
         )
-        interval = ConformalInterval.calibrate(validation, test, coverage, limit)
-        return cls(estimator, scalers, interval, familiarity, recordings.chain)
+        intervals, thresholds = [], []
+        for place in range(len(data.targets)):
+            own, others = (
+                [(values[:, place], float(truth[place])) for values, truth in part]
+                for part in (validation, test)
+            )
+            intervals.append(ConformalInterval.calibrate(own, others, coverage, limit))
+            points, loose = np.array([point(each) for each, _ in own]), np.array([t > 0.0 for _, t in own])
+            thresholds.append(choose_threshold(points, loose, limit))
+        return cls(
+            estimator, scalers, data.targets, tuple(intervals),
+            tuple(thresholds) if len(thresholds) > 1 else None, familiarity, recordings.chain,
+        )  # fmt: skip
 
-    def estimate(self, signals: np.ndarray, rate: float, chain: Mapping[str, Any] | None = None) -> Estimate:
-        """Estimate the clearance from a recording.
+    def estimate(
+        self, signals: np.ndarray, rate: float, chain: Mapping[str, Any] | None = None
+    ) -> tuple[Estimate, ...]:
+        """Estimate the clearances from a recording, one a target.
 
         Args:
             signals: (samples, channels) in the order of ``channels`` [channels' units].
@@ -123,16 +158,32 @@ class Gauge:
             torch.from_numpy(scaled),
             torch.from_numpy(starts),
             torch.from_numpy(place),
-            torch.zeros(len(starts)),
+            torch.zeros(len(starts), len(self.targets)),
             known.length,
         )
         values = estimate_windows(self.estimator, self.scalers, windows)
-        low, high = self.interval.bounds(values)
         trusted, reason = known.judge(scaled)
         if differences := chain_differences(declared_chain(chain), self.chain):
             trusted, reason = False, differences if trusted else f"{differences}; {reason}"
-        point = max(robust_mean(values), 0.0)
-        return Estimate(point, low, high, spread(values), len(values), trusted, reason)
+        loose = self.loose(np.array([point(own) for own in values.T]))
+        return tuple(
+            Estimate(
+                joint, point(own), *interval.bounds(own), spread(own), len(own), trusted, reason,
+                None if loose is None else bool(loose[place]),
+            )
+            for place, (joint, own, interval) in enumerate(
+                zip(self.joints, values.T, self.intervals, strict=True)
+            )
+        )  # fmt: skip
+
+    def loose(self, points: np.ndarray) -> np.ndarray | None:
+        """Which joints have clearance by their estimates (..., targets) [m]; ``None`` where it is known."""
+        return None if self.thresholds is None else points > np.array(self.thresholds)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints whose clearances are estimated."""
+        return tuple(name.removeprefix("clearance_").upper() for name in self.targets)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -146,7 +197,9 @@ class Gauge:
         write_json(
             folder / "calibration.json",
             {
-                "interval": self.interval.to_json(),
+                "targets": self.targets,
+                "intervals": [interval.to_json() for interval in self.intervals],
+                "thresholds": self.thresholds,
                 "familiarity": self.familiarity.to_json(),
                 "chain": dict(self.chain),
             },
@@ -158,10 +211,13 @@ class Gauge:
         estimator.load(folder)
         calibration = read_json(folder / "calibration.json")
         try:
+            thresholds = calibration["thresholds"]
             return cls(
                 estimator,
                 Scalers.from_json(read_json(folder / "scalers.json")),
-                ConformalInterval.from_json(calibration["interval"]),
+                tuple(calibration["targets"]),
+                tuple(ConformalInterval.from_json(one) for one in calibration["intervals"]),
+                None if thresholds is None else tuple(map(float, thresholds)),
                 Familiarity.from_json(calibration["familiarity"]),
                 declared_chain(calibration.get("chain")),
             )
@@ -172,13 +228,18 @@ class Gauge:
 
 
 def estimate_windows(estimator: Estimator, scalers: Scalers, windows: WindowSet) -> np.ndarray:
-    """Clearance (windows,) [m] that each window gives."""
+    """Clearances (windows, targets) [m] that each window gives."""
     return scalers.target.inverse(estimator.predict(windows))
 
 
 def by_recording(
     values: np.ndarray, windows: WindowSet, truth: np.ndarray
-) -> Sequence[tuple[np.ndarray, float]]:
-    """Estimates of each recording's windows with its true clearance [m]."""
+) -> Sequence[tuple[np.ndarray, np.ndarray]]:
+    """Estimates (windows, targets) of each recording's windows with its true clearances (targets,) [m]."""
     recording = windows.recording.numpy()
-    return [(values[recording == index], float(truth[index])) for index in np.unique(recording)]
+    return [(values[recording == index], truth[index]) for index in np.unique(recording)]
+
+
+def point(values: np.ndarray) -> float:
+    """The clearance [m] that the windows' estimates (windows,) [m] of one joint give: never negative."""
+    return max(robust_mean(values), 0.0)

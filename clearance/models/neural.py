@@ -40,6 +40,7 @@ from clearance.windows.datamodule import WindowData
 from clearance.windows.window_set import WindowSet
 
 log = logging.getLogger(__name__)
+_SHAPE = ("channels", "length", "outputs")  # of a network, as its arguments and in its file
 _PREDICTED_AT_ONCE = 512  # windows: bounds the memory of activations
 
 
@@ -74,7 +75,7 @@ class NeuralEstimator:
     """A network, how it is trained, and afterwards its best weights.
 
     Args:
-        net: Makes the network from the numbers of channels and of time steps.
+        net: Makes the network from the numbers of channels, of time steps and of outputs.
         training: Loss, optimiser, schedule and stopping.
         metrics: In metres, reported on the validation windows every epoch.
         gradient_clip: Largest norm of the gradient, or None.
@@ -82,13 +83,13 @@ class NeuralEstimator:
 
     def __init__(
         self,
-        net: Callable[[int, int], nn.Module],
+        net: Callable[..., nn.Module],
         training: Training,
         metrics: MetricCollection,
         gradient_clip: float | None = None,
     ) -> None:
         self._make, self.training, self.metrics, self.gradient_clip = net, training, metrics, gradient_clip
-        self._shape = (0, 0)  # channels, time steps
+        self._shape = (0, 0, 0)  # channels, time steps, outputs
         self._begun: dict[str, torch.Tensor] = {}  # weights of another training
         if gradient_clip is not None:
             require(self, 0.0, strict=True, gradient_clip=gradient_clip)
@@ -140,7 +141,7 @@ class NeuralEstimator:
     def initialize(self, data: WindowData, seed: int) -> None:
         """Build the network with its first weights: by chance from ``seed``, or those of ``begin``."""
         L.seed_everything(seed, verbose=False)
-        self._build(len(data.channels), data.windows.length)
+        self._build(len(data.channels), data.windows.length, len(data.targets))
         if self._begun:
             self._take(self._begun, "begin")
 
@@ -153,12 +154,12 @@ class NeuralEstimator:
             for index in torch.arange(len(windows)).split(_PREDICTED_AT_ONCE):
                 outputs.append(net(windows[index].signals.to(device)).float().cpu())
         self.net.cpu()
-        return torch.cat(outputs).double().numpy() if outputs else np.empty(0)
+        return torch.cat(outputs).double().numpy() if outputs else np.empty((0, self._shape[2]))
 
     def save(self, folder: Path) -> None:
         """Write the weights to ``model.safetensors``."""
         state = {name: value.contiguous() for name, value in self.net.state_dict().items()}
-        shape = {"channels": str(self._shape[0]), "length": str(self._shape[1])}
+        shape = dict(zip(_SHAPE, map(str, self._shape), strict=True))
         write_atomically(folder / "model.safetensors", lambda file: save_file(state, file, metadata=shape))
 
     def load(self, folder: Path) -> None:
@@ -168,7 +169,7 @@ class NeuralEstimator:
             with safe_open(path, framework="pt") as file:
                 shape = file.metadata()
                 state = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
-            self._build(int(shape["channels"]), int(shape["length"]))
+            self._build(*(int(shape[name]) for name in _SHAPE))
         except (OSError, SafetensorError, TypeError, KeyError, ValueError) as error:
             raise InputError(f"{path}: not the weights of a network ({error}); set checkpoint") from error
         self._take(state, str(path))
@@ -188,10 +189,10 @@ class NeuralEstimator:
                 "checkpoint or begin to a training of the same"
             ) from error
 
-    def _build(self, channels: int, length: int) -> None:
-        self._shape = (channels, length)
+    def _build(self, channels: int, length: int, outputs: int) -> None:
+        self._shape = (channels, length, outputs)
         try:
-            self.net = self._make(channels=channels, length=length)  # type: ignore[call-arg]
+            self.net = self._make(**dict(zip(_SHAPE, self._shape, strict=True)))
         except InputError:
             raise
         except (TypeError, ValueError, RuntimeError) as error:

@@ -17,12 +17,12 @@ class Regressor(L.LightningModule):
     """Trains a finished ``net`` on scaled targets and reports metrics in metres.
 
     Args:
-        net: (batch, time, channel) -> (batch,).
+        net: (batch, time, channel) -> (batch, targets).
         loss: Of scaled outputs and targets.
         optimizer: Makes an optimiser from parameters.
         schedule: Changes its rate after every batch.
         metrics: Computed on validation windows, under ``val/``.
-        scaler: Of the target, to turn outputs into metres.
+        scaler: Of the targets, to turn outputs into metres.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Regressor(L.LightningModule):
         signals, target = batch
         output = self.net(signals).float()
         self.log("val/loss", self.loss(output, target), sync_dist=True, batch_size=len(target))
-        self.metrics.update(self._metres(output), self._metres(target))
+        self.metrics.update(self._scaler.metres(output), self._scaler.metres(target))
 
     def on_validation_epoch_end(self) -> None:
         """Metrics over all validation windows: medians and percentiles are not means over batches."""
@@ -65,6 +65,3 @@ class Regressor(L.LightningModule):
         optimizer = self._optimizer(self.net.parameters())
         scheduler = self._schedule.build(optimizer, int(self.trainer.estimated_stepping_batches))
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}
-
-    def _metres(self, scaled: Tensor) -> Tensor:
-        return self._scaler.low + scaled * (self._scaler.high - self._scaler.low)

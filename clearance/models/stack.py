@@ -40,7 +40,7 @@ class NetworkStack(nn.Module):
         return len(self.weights[0])
 
     def forward(self, signals: Tensor) -> Tensor:
-        """(networks, batch, time, channel) scaled -> (networks, batch) scaled clearance."""
+        """(networks, batch, time, channel) scaled -> (networks, batch, outputs) scaled clearances."""
         each = zip(*(weight.unbind() for weight in self.weights), strict=True)
         return torch.stack(
             [
@@ -77,7 +77,7 @@ class RecurrentStack(NetworkStack):
     """Recurrent networks: on a GPU they step through time together."""
 
     def forward(self, signals: Tensor) -> Tensor:
-        """(networks, batch, time, channel) scaled -> (networks, batch) scaled clearance."""
+        """(networks, batch, time, channel) scaled -> (networks, batch, outputs) scaled clearances."""
         return self.stepped(signals) if signals.is_cuda else super().forward(signals)
 
     def stepped(self, signals: Tensor) -> Tensor:
@@ -92,8 +92,7 @@ class RecurrentStack(NetworkStack):
                 for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
             ]
             states = SteppedLayer.apply(cell, states.contiguous(), *own)
-        last = torch.baddbmm(weights["output.bias"].unsqueeze(1), states[:, -1], weights["output.weight"].mT)
-        return last.squeeze(2)
+        return torch.baddbmm(weights["output.bias"].unsqueeze(1), states[:, -1], weights["output.weight"].mT)
 
 
 def stacked(nets: Sequence[nn.Module]) -> NetworkStack:
@@ -114,7 +113,7 @@ class Replayed:
         self._recorded: Any
 
     def __call__(self, signals: Tensor) -> Tensor:
-        """(networks, batch, time, channel) scaled -> (networks, batch) scaled clearance."""
+        """(networks, batch, time, channel) scaled -> (networks, batch, outputs) scaled clearances."""
         if not signals.is_cuda:
             return self._stack(signals)
         if self._shape is None:

@@ -39,6 +39,7 @@ class TemporalConvolutions(nn.Module):
     Args:
         channels: Channels of the input.
         length: Time steps of the input.
+        outputs: Clearances that are estimated.
         stem: Filters of the first convolution, which sees ``stem_width`` steps.
         widths: Filters of each block.
         width: Time steps that a block's filters see.
@@ -52,6 +53,7 @@ class TemporalConvolutions(nn.Module):
         self,
         channels: int,
         length: int,
+        outputs: int,
         stem: int = 64,
         widths: tuple[int, ...] = (96, 128, 160, 192),
         width: int = 5,
@@ -70,12 +72,12 @@ class TemporalConvolutions(nn.Module):
         )
         self.attention = nn.Conv1d(sizes[-1], attentions, 1)
         self.output = nn.Sequential(
-            nn.Linear(attentions * sizes[-1], hidden), nn.ReLU(), nn.Linear(hidden, 1)
+            nn.Linear(attentions * sizes[-1], hidden), nn.ReLU(), nn.Linear(hidden, outputs)
         )
 
     def forward(self, signals: Tensor) -> Tensor:
-        """(batch, time, channel) scaled -> (batch,) scaled clearance."""
+        """(batch, time, channel) scaled -> (batch, outputs) scaled clearances."""
         features = self.blocks(self.stem(signals.transpose(1, 2)))
         weights = torch.softmax(self.attention(features), dim=2)
         means = torch.einsum("bat,bft->baf", weights, features)
-        return self.output(means.flatten(1)).squeeze(1)
+        return self.output(means.flatten(1))

@@ -9,38 +9,42 @@ from torch import Tensor, nn
 class FlattenHead(nn.Module):
     """All time steps of all filters side by side, 512 neurons, sigmoid: the paper's best aggregation."""
 
-    def __init__(self, filters: int, length: int, neurons: int = 512) -> None:
+    def __init__(self, filters: int, length: int, outputs: int, neurons: int = 512) -> None:
         super().__init__()
         self.layers = nn.Sequential(
-            nn.Flatten(), nn.Linear(filters * length, neurons), nn.ReLU(), nn.Linear(neurons, 1), nn.Sigmoid()
+            nn.Flatten(),
+            nn.Linear(filters * length, neurons),
+            nn.ReLU(),
+            nn.Linear(neurons, outputs),
+            nn.Sigmoid(),
         )
 
     def forward(self, features: Tensor) -> Tensor:
-        """(batch, filter, time) -> (batch, 1)."""
+        """(batch, filter, time) -> (batch, outputs)."""
         return self.layers(features)
 
 
 class AverageHead(nn.Module):
     """Mean over time of each filter, one linear layer, sigmoid."""
 
-    def __init__(self, filters: int, length: int) -> None:
+    def __init__(self, filters: int, length: int, outputs: int) -> None:
         super().__init__()
-        self.layers = nn.Sequential(nn.Linear(filters, 1), nn.Sigmoid())
+        self.layers = nn.Sequential(nn.Linear(filters, outputs), nn.Sigmoid())
 
     def forward(self, features: Tensor) -> Tensor:
-        """(batch, filter, time) -> (batch, 1)."""
+        """(batch, filter, time) -> (batch, outputs)."""
         return self.layers(features.mean(dim=2))
 
 
 class MaxHead(nn.Module):
     """Maximum over time of each filter, one linear layer, sigmoid."""
 
-    def __init__(self, filters: int, length: int) -> None:
+    def __init__(self, filters: int, length: int, outputs: int) -> None:
         super().__init__()
-        self.layers = nn.Sequential(nn.Linear(filters, 1), nn.Sigmoid())
+        self.layers = nn.Sequential(nn.Linear(filters, outputs), nn.Sigmoid())
 
     def forward(self, features: Tensor) -> Tensor:
-        """(batch, filter, time) -> (batch, 1)."""
+        """(batch, filter, time) -> (batch, outputs)."""
         return self.layers(features.amax(dim=2))
 
 
@@ -52,7 +56,8 @@ class TimeDelayNetwork(nn.Module):
     Args:
         channels: Channels of the input.
         length: Time steps of the input.
-        head: Makes the aggregation from the number of filters and of time steps.
+        outputs: Clearances that are estimated.
+        head: Makes the aggregation from the numbers of filters, of time steps and of outputs.
         filters: Filters of each convolution.
         layers: Number of convolutions.
         width: Time steps that a filter sees.
@@ -62,7 +67,8 @@ class TimeDelayNetwork(nn.Module):
         self,
         channels: int,
         length: int,
-        head: Callable[[int, int], nn.Module],
+        outputs: int,
+        head: Callable[[int, int, int], nn.Module],
         filters: int = 256,
         layers: int = 3,
         width: int = 5,
@@ -73,8 +79,8 @@ class TimeDelayNetwork(nn.Module):
         for before, after in itertools.pairwise(sizes):
             steps += [nn.Conv1d(before, after, width, padding="same"), nn.ReLU()]
         self.convolutions = nn.Sequential(*steps)
-        self.head = head(filters, length)
+        self.head = head(filters, length, outputs)
 
     def forward(self, signals: Tensor) -> Tensor:
-        """(batch, time, channel) scaled -> (batch,) scaled clearance."""
-        return self.head(self.convolutions(signals.transpose(1, 2))).squeeze(1)
+        """(batch, time, channel) scaled -> (batch, outputs) scaled clearances."""
+        return self.head(self.convolutions(signals.transpose(1, 2)))

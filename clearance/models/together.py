@@ -136,10 +136,10 @@ class StackedRegressor(L.LightningModule):
         output, target = torch.cat(outputs, dim=1), torch.cat(targets, dim=1)
         loss = torch.stack(losses).sum(0) / target.shape[1]
         self._share_time()
-        all_found = []
+        all_found, metres = [], self._data.scalers.target.metres
         for place, row in enumerate(self._rows):
             self.metrics.reset()
-            self.metrics.update(self._metres(output[place]), self._metres(target[place]))
+            self.metrics.update(metres(output[place]), metres(target[place]))
             found = {"val/loss": float(loss[place])}
             found |= {name: float(value) for name, value in self.metrics.compute().items()}
             self._write_epoch(row, found)
@@ -195,10 +195,6 @@ class StackedRegressor(L.LightningModule):
     def _write(self, row: int, metrics: dict[str, float], step: int) -> None:
         if not self._runs[row].finished:  # by an earlier training, which is left as it is
             self._runs[row].logger.log_metrics(metrics, step)
-
-    def _metres(self, scaled: Tensor) -> Tensor:
-        scaler = self._data.scalers.target
-        return scaler.low + scaled * (scaler.high - scaler.low)
 
 
 class SparingCheckpoint(Checkpoint):

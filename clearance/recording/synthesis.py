@@ -35,18 +35,25 @@ SIGNAL_CHANNELS = (*ACCELERATIONS, *OTHER_CHANNELS)
 
 @dataclass(frozen=True)
 class ClearanceLocation:
-    """Which joints' clearance is drawn: a member of the configuration group ``joint``."""
+    """Which joints' clearance is drawn: a member of the configuration group ``joint``.
+
+    Attributes:
+        name: of the option.
+        b: whether B's is; ``None``: in a half of the runs, by chance.
+        c: likewise of C, whatever B does.
+    """
 
     name: str
-    b: bool
-    c: bool
+    b: bool | None
+    c: bool | None
 
     def __post_init__(self) -> None:
         for key in ("b", "c"):
-            if not isinstance(getattr(self, key), bool):
+            value = getattr(self, key)
+            if not (value is None or isinstance(value, bool)):
                 raise InputError(
-                    f"joint={self.name}: where a simulated machine has its clearance must be said; joint=B, "
-                    "joint=C, joint=both or joint=none"
+                    f"joint.{key} = {value!r} of joint={self.name}: must be true, false or null (by chance); "
+                    f"set joint.{key}"
                 )
 
 
@@ -56,7 +63,7 @@ class Campaign:
 
     Attributes:
         mechanism: the machine; its speed, and the clearance of ``joint``, are drawn anew for each run.
-        joint: where the clearance is drawn; another joint keeps the machine's own.
+        joint: where the clearance is drawn; a joint in which it is not keeps the machine's own.
         integrator: scheme and steps.
         chain: measurement chain.
         sensors: imperfections of the sensors.
@@ -156,8 +163,9 @@ class Campaign:
             draw = np.random.default_rng([self.seed, run]).uniform(size=3)
             drawn_b, drawn_c = low + draw[0] * (high - low), low + draw[1] * (high - low)
             nominal = self._nominal(run) if unknown else self.mechanism
-            values[row, 0] = drawn_b if self.joint.b else nominal.joint_b.clearance
-            values[row, 1] = drawn_c if self.joint.c else nominal.joint_c.clearance
+            at_b, at_c = self._location(run)
+            values[row, 0] = drawn_b if at_b else nominal.joint_b.clearance
+            values[row, 1] = drawn_c if at_c else nominal.joint_c.clearance
             values[row, 2] = (slow + draw[2] * (fast - slow)) * np.pi / 30.0
         return values
 
@@ -172,6 +180,16 @@ class Campaign:
             drive=nominal.drive.at_speed(float(speed * 30.0 / np.pi)),
         )
 
+    def _location(self, run: int) -> tuple[bool, bool]:
+        """Whether the clearance of B and that of C are drawn in a run."""
+        at_b, at_c = self.joint.b, self.joint.c
+        if at_b is None or at_c is None:
+            # A generator of its own: whatever is left to chance, the other draws stay.
+            chance = np.random.default_rng([self.seed, run, 3]).uniform(size=2) < 0.5
+            at_b = bool(chance[0]) if at_b is None else at_b
+            at_c = bool(chance[1]) if at_c is None else at_c
+        return at_b, at_c
+
     def _nominal(self, run: int) -> SliderCrank:
         """The machine with what is random of it, before clearance and speed."""
         if not self.random:
@@ -185,7 +203,10 @@ class Campaign:
         return with_values(self.mechanism, values)
 
     def _drawn_anyway(self, path: str) -> bool:
-        drawn = {"joint_b.clearance": self.joint.b, "joint_c.clearance": self.joint.c}
+        drawn = {
+            "joint_b.clearance": self.joint.b is not False,
+            "joint_c.clearance": self.joint.c is not False,
+        }
         return drawn.get(path, path in ("drive.speed_rpm", "drive.no_load_rpm"))
 
     def observe(self, run: int, signals: np.ndarray) -> np.ndarray:

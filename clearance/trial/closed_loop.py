@@ -133,7 +133,7 @@ def close_loop(
         report(f"{case.name}: {len(tests)} recordings of a machine with {' and '.join(case.missing)}")
         runs = _trained(one, folder / LOOP, loop, report)
         gauges = {name: load_gauge(run) for name, run in runs.items()}
-        found = {name: [estimate_file(gauge, path) for path, _ in tests] for name, gauge in gauges.items()}
+        found = {name: [estimate_file(gauge, path)[0] for path, _ in tests] for name, gauge in gauges.items()}
         row = score(one, [true for _, true in tests], found, loop)
         write_json(place / RESULT, row)
         rows.append(row)

@@ -18,6 +18,8 @@ from clearance.windows.window_set import Batch, BatchOrder, WindowSet
 from clearance.windows.windowing import RegularWindows, WindowPlan
 
 log = logging.getLogger(__name__)
+TARGETS = (("clearance_b",), ("clearance_c",), ("clearance_b", "clearance_c"))
+"""What a model may estimate: one joint's clearance, or those of both."""
 
 
 class WindowData(L.LightningDataModule):
@@ -29,7 +31,7 @@ class WindowData(L.LightningDataModule):
     Args:
         source: Gives the recordings.
         channels: Names of the channels that the model reads.
-        target: Name of the label to estimate, in metres.
+        targets: Names of the labels to estimate, in metres; one of ``TARGETS``.
         split: Divides the recordings.
         windows: Places the training windows. Validation and test windows never overlap.
         batch_size: Windows a training step [-].
@@ -41,7 +43,7 @@ class WindowData(L.LightningDataModule):
         self,
         source: Source,
         channels: Sequence[str],
-        target: str,
+        targets: Sequence[str],
         split: RandomSplit,
         windows: WindowPlan,
         batch_size: int = 64,
@@ -52,7 +54,10 @@ class WindowData(L.LightningDataModule):
         require(self, 1, whole=True, batch_size=batch_size)
         require(self, 0, 2**32 - 1, whole=True, seed=seed)  # what NumPy's first generator takes
         require(self, 0.0, 1e6, strict=True, memory_gib=memory_gib)
-        self.source, self.channels, self.target_name = source, tuple(channels), target
+        self.source, self.channels, self.targets = source, tuple(channels), tuple(targets)
+        if self.targets not in TARGETS:
+            allowed = " or ".join(f"[{','.join(names)}]" for names in TARGETS)
+            raise InputError(f"targets={targets}: must be {allowed}; set targets")
         self.split, self.windows, self.batch_size, self.seed = split, windows, batch_size, seed
         self.memory_gib = memory_gib
         self.scalers: Scalers
@@ -68,7 +73,7 @@ class WindowData(L.LightningDataModule):
         """Read, split, fit the scalers on the training recordings, and scale everything in place, once."""
         if self._loaded:
             return
-        recordings = self.source.load(self.channels, self.target_name, int(self.memory_gib * 2**30))
+        recordings = self.source.load(self.channels, self.targets, int(self.memory_gib * 2**30))
         shortest = int(recordings.lengths.min()) if len(recordings.lengths) else 0
         if shortest < self.windows.length:
             raise InputError(

@@ -21,7 +21,7 @@ from clearance.windows.sources import FixedSource, LabelledRecordings, check_mem
 class MeasuredSource(FixedSource):
     """Files of measured recordings and a list (YAML or CSV) of their known clearances.
 
-    Each entry of the list has ``path`` (relative to the list), the target's name with the clearance in
+    Each entry of the list has ``path`` (relative to the list), each target's name with the clearance in
     metres, and optionally ``speed`` [rad/s] and ``group``: recordings of one machine in one state share a
     group and are never split.
     """
@@ -29,7 +29,7 @@ class MeasuredSource(FixedSource):
     path: str
     read: Callable[[Path], Recording]  # clearance.recording.files.read
 
-    def load(self, channels: Sequence[str], target: str, limit: int) -> LabelledRecordings:
+    def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Read every file of the list."""
         entries = _entries(Path(self.path))
         signals, rates, chains = [], set(), []
@@ -54,7 +54,7 @@ class MeasuredSource(FixedSource):
                 f"{self.path}: recordings with different chains ({chains[0]} and {other}): one common "
                 "chain is needed; set data.source.path"
             )
-        clearances = np.array([_number(entry, target, self.path) for entry in entries])
+        clearances = np.array([[_number(entry, name, self.path) for name in targets] for entry in entries])
         digest.update(clearances.tobytes())
         names = [str(entry.get("group") or number) for number, entry in enumerate(entries)]
         return LabelledRecordings(

@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from torch import Tensor
 
 from clearance.errors import InputError
 
@@ -66,28 +67,46 @@ class StandardScaler:
 
 @dataclass(frozen=True)
 class MinMaxScaler:
-    """The target's training range mapped to 0 ... 1."""
+    """Each target's training range mapped to 0 ... 1."""
 
-    low: float  # [m]
-    high: float  # [m]
+    low: tuple[float, ...]  # (targets,) [m]
+    high: tuple[float, ...]  # (targets,) [m]
+
+    def __post_init__(self) -> None:
+        numbers = np.array([self.low, self.high], dtype=np.float64)
+        if numbers.ndim != 2 or not np.isfinite(numbers).all():
+            raise ValueError("the scaler of the targets has not two finite numbers a target")
 
     @classmethod
     def fit(cls, values: np.ndarray) -> "MinMaxScaler":
-        """Fit on the training labels (recordings,) [m]."""
-        low, high = float(np.min(values)), float(np.max(values))
-        if not high > low:
+        """Fit on the training labels (recordings, targets) [m]."""
+        low, high = values.min(axis=0), values.max(axis=0)
+        if not np.all(high > low):
             raise InputError(
-                f"all training clearances are {low} m: at least two different values are needed; check data"
+                f"all training clearances of a joint are {low[high <= low][0]} m: at least two different "
+                "values are needed; check data"
             )
-        return cls(low, high)
+        return cls(tuple(low.tolist()), tuple(high.tolist()))
 
     def transform(self, values: np.ndarray) -> np.ndarray:
-        """Metres to 0 ... 1 on the training range."""
-        return (values - self.low) / (self.high - self.low)
+        """Metres (..., targets) to 0 ... 1 on the training range."""
+        return (values - self._low) / self._range
 
     def inverse(self, values: np.ndarray) -> np.ndarray:
-        """0 ... 1 to metres."""
-        return self.low + values * (self.high - self.low)
+        """0 ... 1 to metres (..., targets)."""
+        return self._low + values * self._range
+
+    def metres(self, scaled: Tensor) -> Tensor:
+        """``inverse`` of a network's outputs, in their precision and on their device."""
+        return scaled.new_tensor(self._low) + scaled * scaled.new_tensor(self._range)
+
+    @property
+    def _low(self) -> np.ndarray:
+        return np.array(self.low)
+
+    @property
+    def _range(self) -> np.ndarray:
+        return np.array(self.high) - np.array(self.low)
 
 
 @dataclass(frozen=True)
@@ -104,8 +123,10 @@ class Scalers:
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> "Scalers":
         """Inverse of ``to_json``."""
-        signals = {key: tuple(value) for key, value in content["signals"].items()}
-        return cls(StandardScaler(**signals), MinMaxScaler(**content["target"]))
+        signals, target = (
+            {key: tuple(value) for key, value in content[part].items()} for part in ("signals", "target")
+        )
+        return cls(StandardScaler(**signals), MinMaxScaler(**target))
 
 
 def _blocks(recordings: list[np.ndarray]) -> list[np.ndarray]:

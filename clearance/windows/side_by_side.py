@@ -16,7 +16,7 @@ class SideBySideBatch(NamedTuple):
     """Where the windows of each seed's batch begin, and what they should give; recordings stay in place."""
 
     starts: Tensor  # (seeds, batch) int64, first sample of each window in the recordings
-    target: Tensor  # (seeds, batch) scaled
+    target: Tensor  # (seeds, batch, targets) scaled
 
 
 class SideBySideWindows(L.LightningDataModule):

@@ -28,7 +28,7 @@ class LabelledRecordings:
     rate: float  # [Hz]
     signals: np.ndarray  # (total samples, channels) float32 [channels' units]
     lengths: np.ndarray  # (recordings,) [samples]
-    target: np.ndarray  # (recordings,) clearance [m]
+    target: np.ndarray  # (recordings, targets) clearances [m]
     speed: np.ndarray  # (recordings,) mean crank speed [rad/s], NaN where unknown
     groups: np.ndarray  # (recordings,) equal numbers must stay on one side of a split
     fingerprint: str  # changes when any of the data changes
@@ -51,8 +51,8 @@ class Source(Protocol):
         """Make what is missing; called once, before anything is read."""
         ...
 
-    def load(self, channels: Sequence[str], target: str, limit: int) -> LabelledRecordings:
-        """Read ``channels`` and the label ``target`` of all recordings, in at most ``limit`` bytes."""
+    def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
+        """Read ``channels`` and the labels ``targets`` of all recordings, in at most ``limit`` bytes."""
         ...
 
     def divide(self, recordings: LabelledRecordings, split: RandomSplit) -> Split:
@@ -87,9 +87,9 @@ class StoredSource(FixedSource):
     start_time: float = 2.0  # [s] samples before it are left out: the start-up transient (paper, Section 4.2)
     runs: int | None = None  # only the first so many
 
-    def load(self, channels: Sequence[str], target: str, limit: int) -> LabelledRecordings:
+    def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Read every run that is stored and finite."""
-        return read_dataset(Dataset.open(self.path), channels, target, limit, self.start_time, self.runs)
+        return read_dataset(Dataset.open(self.path), channels, targets, limit, self.start_time, self.runs)
 
 
 @dataclass
@@ -104,10 +104,10 @@ class SimulatedSource(FixedSource):
         """Simulate what is missing."""
         self.simulation.generate(self._path)
 
-    def load(self, channels: Sequence[str], target: str, limit: int) -> LabelledRecordings:
+    def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Read the runs asked for, even where the store has grown beyond them."""
         return read_dataset(
-            Dataset.open(self._path), channels, target, limit, self.start_time, self.simulation.runs
+            Dataset.open(self._path), channels, targets, limit, self.start_time, self.simulation.runs
         )
 
     @property
@@ -131,10 +131,10 @@ class StreamingSource:
     def prepare(self) -> None:
         """Nothing to make in advance."""
 
-    def load(self, channels: Sequence[str], target: str, limit: int) -> LabelledRecordings:
+    def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Simulate the first epoch and the held-out runs."""
         self._columns = _columns(channels, ACCELERATIONS, "simulation")
-        self._target, self._epoch = target, 0
+        self._labels, self._epoch = [LABELS.index(target) for target in targets], 0
         samples = self.simulation.sampling.samples
         check_memory((self.runs + 2 * self.held_out) * samples * len(channels) * 4, limit)
         parts = [self._fresh(*part) for part in ((self.runs, 0), (self.held_out, -1), (self.held_out, -2))]
@@ -146,7 +146,7 @@ class StreamingSource:
             rate=self.simulation.chain.rate,
             signals=np.concatenate(signals),
             lengths=np.array([len(s) for s in signals]),
-            target=labels[:, _label_column(target)],
+            target=labels[:, self._labels],
             speed=labels[:, LABELS.index("speed")],
             groups=np.arange(len(signals)),
             fingerprint=f"stream-{self.simulation.fingerprint}",
@@ -165,7 +165,7 @@ class StreamingSource:
         replaced = range(min(len(signals), self._sizes[0]))
         for index in replaced:
             recordings.recording(index)[:] = signals[index]
-        recordings.target[: len(replaced)] = labels[: len(replaced), _label_column(self._target)]
+        recordings.target[: len(replaced)] = labels[: len(replaced), self._labels]
         recordings.speed[: len(replaced)] = labels[: len(replaced), LABELS.index("speed")]
         self._epoch = epoch
         return replaced
@@ -178,7 +178,7 @@ class StreamingSource:
 def read_dataset(
     dataset: Dataset,
     channels: Sequence[str],
-    target: str,
+    targets: Sequence[str],
     limit: int,
     start_time: float,
     runs: int | None = None,
@@ -204,7 +204,7 @@ def read_dataset(
         rate=dataset.rate,
         signals=signals.reshape(-1, len(channels)),
         lengths=np.full(len(available), samples),
-        target=dataset.labels[LABELS[_label_column(target)]][available],
+        target=np.stack([dataset.labels[target][available] for target in targets], axis=1),
         speed=dataset.labels["speed"][available],
         groups=np.arange(len(available)),
         fingerprint=fingerprint([dataset.fingerprint, available.tolist()]),
@@ -226,9 +226,3 @@ def _columns(channels: Sequence[str], present: Sequence[str], where: str) -> lis
     if missing:
         raise InputError(f"channels {missing} are not in the {where}, which has {list(present)}; set sensors")
     return [list(present).index(name) for name in channels]
-
-
-def _label_column(target: str) -> int:
-    if target not in LABELS[:2]:
-        raise InputError(f"target={target}: must be one of {LABELS[:2]}; set target")
-    return LABELS.index(target)

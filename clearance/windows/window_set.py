@@ -14,7 +14,7 @@ class Batch(NamedTuple):
     """Windows and what they should give."""
 
     signals: Tensor  # (batch, time, channel) scaled
-    target: Tensor  # (batch,) scaled
+    target: Tensor  # (batch, targets) scaled
 
 
 @dataclass
@@ -24,7 +24,7 @@ class WindowSet(Dataset[Batch]):
     signals: Tensor  # (total samples, channels) float32, scaled
     starts: Tensor  # (windows,) int64, first sample of each window in ``signals``
     recording: Tensor  # (windows,) int64, index of the window's recording
-    target: Tensor  # (windows,) float32, scaled
+    target: Tensor  # (windows, targets) float32, scaled
     length: int  # [samples]
 
     def __len__(self) -> int:

@@ -43,8 +43,9 @@ def forest(tmp_path_factory):
 
 def test_coverage_on_fresh_simulations(forest):
     gauge, campaign = forest
-    result = evaluate_fresh(gauge, campaign, "clearance_c", FRESH_RECORDINGS)
+    (result,) = evaluate_fresh(gauge, campaign, FRESH_RECORDINGS)
     summary = result.summary()
+    assert summary["joint"] == "C"
     # Coverage given the calibration is Beta distributed around 0.9: 3.5 deviations, binomial ones included.
     deviation = np.sqrt(0.9 * 0.1 * (1 / (CALIBRATION + 2) + 1 / FRESH_RECORDINGS))
     assert abs(summary["coverage"] - 0.9) < 3.5 * deviation
@@ -62,7 +63,7 @@ def test_a_gauge_of_another_machine_is_not_trusted(forest):
             ["campaign.duration=0.5", "campaign.record_start=0.4", "mechanism.slider.mass=0.5", "runs=30"],
         )
     other = instantiate(cfg.campaign, _convert_="all")
-    assert evaluate_fresh(gauge, other, "clearance_c", 30).summary()["trusted"] < 0.5
+    assert evaluate_fresh(gauge, other, 30)[0].summary()["trusted"] < 0.5
 
 
 def finished(folder, name, nmae):

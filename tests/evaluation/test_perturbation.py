@@ -25,7 +25,7 @@ def data(tmp_path_factory):
     campaign = instantiate(cfg.campaign, _convert_="all")
     folder = tmp_path_factory.mktemp("datasets")
     channels = tuple(cfg.sensors.channels)
-    return TrainingData(campaign, folder, 0.1, channels, "clearance_c", RandomSplit(seed=3), 2**30)
+    return TrainingData(campaign, folder, 0.1, channels, ("clearance_c",), RandomSplit(seed=3), 2**30)
 
 
 def contacts(perturbation, data, runs=200):
@@ -59,7 +59,7 @@ def test_all_scenarios_have_the_same_new_clearances_and_speeds(perturbations, da
 def test_noise_is_added_to_the_test_recordings_of_the_trainings_split(data):
     plain, noisy = data.test(), NoisyTest(0.01).recordings(data, 0)
     chosen = RandomSplit(seed=3).divide(np.arange(8)).test
-    assert (plain.target == data.campaign.labels(range(8))[chosen, 1]).all()
+    assert (plain.target == data.campaign.labels(range(8))[chosen, 1:2]).all()
     added = noisy.signals - plain.signals
     # the 4000 samples of each channel put the deviation within 1/sqrt(8000)
     assert added.std(axis=0) / plain.signals.std(axis=0) == pytest.approx(0.01, rel=0.1)
@@ -67,6 +67,6 @@ def test_noise_is_added_to_the_test_recordings_of_the_trainings_split(data):
 
 
 def test_a_training_on_other_data_is_refused(tmp_path):
-    (tmp_path / "config.yaml").write_text("target: clearance_c\n")
+    (tmp_path / "config.yaml").write_text("targets: [clearance_c]\n")
     with pytest.raises(InputError, match=r"data=simulated.*set perturbed=0"):
         TrainingData.of(tmp_path)

@@ -35,9 +35,9 @@ def configured(model, *overrides):
 
 @pytest.fixture
 def make_data(chirps):
-    def make(runs=20, samples=300, length=60, source=None, batch_size=16, kind=WindowData):
-        data = kind(
-            source or chirps(runs, samples), ("a", "b"), "clearance_c", RandomSplit(42),
+    def make(runs=20, samples=300, length=60, source=None, batch_size=16, targets=("clearance_c",)):
+        data = WindowData(
+            source or chirps(runs, samples), ("a", "b"), targets, RandomSplit(42),
             RegularWindows(length, length), batch_size=batch_size,
         )  # fmt: skip
         data.setup()

@@ -20,10 +20,11 @@ def test_a_saved_gauge_reads_the_same(trained, tmp_path, chirps):
     gauge, _ = trained
     gauge.save(tmp_path)
     again = Gauge.load(configured("xgboost"), tmp_path)
-    fresh = chirps(5, 600, seed=9).load(("a", "b"), "clearance_c", 2**30)
+    fresh = chirps(5, 600, seed=9).load(("a", "b"), ("clearance_c",), 2**30)
     for index in range(5):
-        one = gauge.estimate(fresh.recording(index), 1e4)
-        assert again.estimate(fresh.recording(index), 1e4) == one
+        (one,) = gauge.estimate(fresh.recording(index), 1e4)
+        assert again.estimate(fresh.recording(index), 1e4) == (one,)
+        assert (one.joint, one.has_clearance) == ("C", None)
         assert one.low_m <= one.clearance_m <= one.high_m
         assert one.windows == 10
 
@@ -39,7 +40,7 @@ def test_a_recording_is_scaled_as_in_training(trained):
         windows.recording.numpy() == index
     ]
     # Scaling back and forth costs the last bits of single precision, which may move a sample past a split.
-    assert gauge.estimate(raw, 1e4).spread_m == pytest.approx(
+    assert gauge.estimate(raw, 1e4)[0].spread_m == pytest.approx(
         1.4826 * np.median(np.abs(expected - np.median(expected))), rel=0.2, abs=1e-6
     )
 
@@ -60,7 +61,7 @@ def test_an_unusable_recording_is_refused(trained, signals, rate, words):
 def test_a_damaged_calibration_is_refused(trained, tmp_path):
     trained[0].save(tmp_path)
     content = json.loads((tmp_path / "calibration.json").read_text())
-    del content["interval"]["floor"]
+    del content["intervals"][0]["floor"]
     (tmp_path / "calibration.json").write_text(json.dumps(content))
     with pytest.raises(InputError, match="set checkpoint"):
         Gauge.load(configured("xgboost"), tmp_path)

@@ -14,23 +14,23 @@ def test_every_model_is_tested():
     assert {path.stem for path in (CONF / "model").glob("*.yaml")} == set(SMALL)
 
 
-def net_of(model, channels=2, length=60):
+def net_of(model, channels=2, length=60, outputs=1):
     torch.manual_seed(0)
     estimator = configured(model)
-    estimator._build(channels, length)
+    estimator._build(channels, length, outputs)
     return estimator.net
 
 
 @pytest.mark.parametrize("model", NEURAL)
-def test_one_number_a_window_and_a_gradient_in_every_weight(model):
-    net, signals = net_of(model), torch.randn(5, 60, 2)
+def test_a_number_a_window_and_target_and_a_gradient_in_every_weight(model):
+    net, signals = net_of(model, outputs=2), torch.randn(5, 60, 2)
     optimizer = torch.optim.SGD(net.parameters(), 1e-3)
     for _ in range(2):  # what a residual scale of zero hides at first shows after one step
         optimizer.zero_grad()
         output = net(signals)
         output.sum().backward()
         optimizer.step()
-    assert output.shape == (5,)
+    assert output.shape == (5, 2)
     for name, weight in net.named_parameters():
         assert weight.grad is not None, name
         assert weight.grad.abs().sum() > 0, name
@@ -39,7 +39,7 @@ def test_one_number_a_window_and_a_gradient_in_every_weight(model):
 @pytest.mark.parametrize("model", NEURAL)
 def test_one_batch_can_be_learnt_by_heart(model):
     net = net_of(model)
-    signals, target = torch.randn(8, 60, 2), torch.linspace(0.1, 0.9, 8)
+    signals, target = torch.randn(8, 60, 2), torch.linspace(0.1, 0.9, 8)[:, None]
     optimizer = torch.optim.Adam(net.parameters(), 1e-2)
     for _ in range(300):
         loss = torch.nn.functional.mse_loss(net(signals), target)
@@ -67,7 +67,7 @@ def test_the_same_seed_gives_the_same_model_and_a_saved_model_the_same_answers(
             again = configured(model)
             again.load(tmp_path)
             assert np.array_equal(again.predict(data.test_windows()), answers[0])
-    assert answers[0].shape == (len(data.test_windows()),)
+    assert answers[0].shape == (len(data.test_windows()), 1)
     assert np.array_equal(answers[0], answers[1])
     if model != "xgboost":  # draws nothing at random
         assert not np.array_equal(answers[0], answers[2])
@@ -136,7 +136,7 @@ def test_training_stops_when_validation_does_not_improve(make_data, open_run):
 
 def test_fold_must_divide_the_window():
     with pytest.raises(InputError, match=r"model\.net\.fold=7"):
-        configured("lstm", "model.net.fold=7")._build(2, 60)
+        configured("lstm", "model.net.fold=7")._build(2, 60, 1)
 
 
 def test_folding_keeps_every_sample():

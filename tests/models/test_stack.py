@@ -14,7 +14,7 @@ def nets_of(model, count=3, channels=2, length=60):
     nets = []
     for _ in range(count):
         estimator = configured(model)
-        estimator._build(channels, length)
+        estimator._build(channels, length, 2)
         nets.append(estimator.net)
     return nets
 
@@ -44,7 +44,7 @@ def test_a_stack_computes_what_each_network_does(model):
 @pytest.mark.parametrize("fold", [1, 2])
 def test_networks_that_step_together_are_the_library_s(kind, fold):
     torch.manual_seed(0)
-    nets = [kind(2, 20, hidden_size=7, layers=3, fold=fold) for _ in range(4)]
+    nets = [kind(2, 20, 2, hidden_size=7, layers=3, fold=fold) for _ in range(4)]
     for net in nets:
         net.double()
     signals = torch.randn(4, 5, 20, 2, dtype=torch.float64)
@@ -66,7 +66,7 @@ def test_networks_that_step_together_are_the_library_s(kind, fold):
 @pytest.mark.parametrize("kind", [LSTM, GRU])
 def test_networks_that_step_together_on_a_gpu_are_cudnn_s(kind):
     torch.manual_seed(0)
-    nets = [kind(4, 200, fold=1).cuda() for _ in range(3)]
+    nets = [kind(4, 200, 2, fold=1).cuda() for _ in range(3)]
     signals = torch.randn(3, 64, 200, 4, device="cuda")
     stack = stacked(nets).cuda()
     output = passed(stack, nets, signals)

@@ -64,10 +64,13 @@ def assert_same(together, apart):
 
 
 @pytest.mark.parametrize("model", NEURAL)
-def test_trained_together_or_apart_the_weights_and_the_events_are_the_same(model, train, train_apart):
-    estimators, runs, seconds = train(model, "trainer.epochs=3")
+def test_trained_together_or_apart_the_weights_and_the_events_are_the_same(
+    model, train, train_apart, make_data
+):
+    data = make_data(targets=("clearance_b", "clearance_c"))
+    estimators, runs, seconds = train(model, "trainer.epochs=3", data=data)
     for seed, estimator, run in zip(SEEDS, estimators, runs, strict=True):
-        apart, own = train_apart(model, seed, "trainer.epochs=3")
+        apart, own = train_apart(model, seed, "trainer.epochs=3", data=data)
         assert_same(estimator, apart)
         assert estimator.parameters == apart.parameters
         ours, theirs = events(run), events(own)

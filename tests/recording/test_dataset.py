@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from clearance.errors import InputError
+from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.dataset import Dataset
@@ -72,6 +73,39 @@ def test_physics_that_nobody_knows_is_drawn_for_each_run(whole):
     some = [replace(drawn, random_share=0.3).machine(run).gravity[1] for run in range(200)]
     assert 0.6 < some.count(0.0) / 200 < 0.8
     assert drawn.fingerprint != SMALL.fingerprint == replace(SMALL, random={}).fingerprint
+
+
+def test_where_the_clearance_is_may_be_left_to_chance(whole, tmp_path):
+    unknown = replace(SMALL, joint=ClearanceLocation("unknown", None, None))
+    labels = unknown.labels(range(400))
+    at_b, at_c = labels[:, 0] > 0, labels[:, 1] > 0
+    shares = [np.mean((at_b == b) & (at_c == c)) for b in (False, True) for c in (False, True)]
+    assert shares == pytest.approx([0.25] * 4, abs=0.09)  # four deviations of a binomial share
+    # All else is drawn as where the joint is known: a clearance that is there is the one it would have been.
+    known = {
+        b: replace(SMALL, joint=ClearanceLocation("", b, not b)).labels(range(400)) for b in (True, False)
+    }
+    np.testing.assert_array_equal(labels[at_b, 0], known[True][at_b, 0])
+    np.testing.assert_array_equal(labels[at_c, 1], known[False][at_c, 1])
+    np.testing.assert_array_equal(labels[:, 2], known[True][:, 2])
+    np.testing.assert_array_equal(unknown.labels([7, 3]), labels[[7, 3]])
+    for part in (2, 1):
+        sharded = replace(unknown, runs=6).generate(tmp_path / "data", (part, 2), workers=1)
+    first = contents(sharded)
+    larger = replace(unknown, runs=8).generate(tmp_path / "data")
+    np.testing.assert_array_equal(contents(larger)[:6], first)
+    np.testing.assert_array_equal(larger.labels["clearance_b"], labels[:8, 0])
+    alone = next(run for run in range(8) if at_c[run] and not at_b[run])
+    np.testing.assert_array_equal(larger.read(alone), whole.read(alone))
+    worn = replace(SliderCrank(), joint_b=Joint(3e-4))
+    own = replace(unknown, mechanism=worn).labels(range(400))
+    assert set(own[~at_b, 0]) == {3e-4}
+
+
+def test_a_data_set_of_an_earlier_version_is_found_again():
+    # What names its folder: the setting of every draw, and no more than was there.
+    assert SMALL.fingerprint == "529d488aefd2125a"
+    assert "random" not in SMALL.settings
 
 
 @pytest.mark.parametrize(

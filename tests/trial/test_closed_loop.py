@@ -151,7 +151,7 @@ def revealed(case, clearance=3e-4, corrected=None):
 
 
 def read(values):
-    return [Estimate(float(v), 0.0, 1e-3, 0.0, 1, v > 2e-4, "") for v in values]
+    return [Estimate("C", float(v), 0.0, 1e-3, 0.0, 1, v > 2e-4, "", None) for v in values]
 
 
 def test_the_share_of_the_gap_to_the_floor_is_what_was_closed():

@@ -2,6 +2,7 @@ import json
 
 import numpy as np
 import pytest
+import torch
 
 from clearance.errors import InputError
 from clearance.windows.scaling import MinMaxScaler, Scalers, StandardScaler
@@ -30,19 +31,24 @@ def test_nan_is_refused_by_name():
 
 
 def test_target_goes_to_unit_range_and_back():
-    values = np.array([2e-4, 9e-4, 5e-4])
+    values = np.array([[2e-4, 0.0], [9e-4, 3e-4], [5e-4, 1e-4]])
     scaler = MinMaxScaler.fit(values)
-    assert scaler.transform(values).min() == 0
-    assert scaler.transform(values).max() == 1
-    assert np.allclose(scaler.inverse(scaler.transform(values)), values, rtol=1e-14)
+    scaled = scaler.transform(values)
+    assert scaled.min(axis=0).tolist() == [0, 0]
+    assert scaled.max(axis=0).tolist() == [1, 1]
+    assert np.allclose(scaler.inverse(scaled), values, rtol=1e-14)
+    single = scaler.metres(torch.from_numpy(scaled.astype(np.float32)))
+    assert np.allclose(single.numpy(), values, rtol=1e-6)  # single precision
 
 
 def test_one_clearance_cannot_be_scaled():
     with pytest.raises(InputError, match="two different"):
-        MinMaxScaler.fit(np.array([1e-4, 1e-4]))
+        MinMaxScaler.fit(np.array([[1e-4, 1e-4], [2e-4, 1e-4]]))
 
 
 def test_json_keeps_every_bit():
     signals = np.random.default_rng(1).normal(size=(50, 2)).astype(np.float32)
-    scalers = Scalers(StandardScaler.fit(("a", "b"), [signals]), MinMaxScaler(1e-5 / 3, 1e-3 / 7))
+    scalers = Scalers(
+        StandardScaler.fit(("a", "b"), [signals]), MinMaxScaler((1e-5 / 3, 0.0), (1e-3 / 7, 1e-3))
+    )
     assert Scalers.from_json(json.loads(json.dumps(scalers.to_json()))) == scalers

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from hydra import compose, initialize_config_dir
+from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 
 from clearance.commands import CONFIGURATION
@@ -34,12 +35,12 @@ def stored(campaign, tmp_path_factory):
 @pytest.fixture(scope="module")
 def measured(campaign, tmp_path_factory):
     folder = tmp_path_factory.mktemp("measured")
-    rows = ["path,clearance_c,speed,group"]
+    rows = ["path,clearance_b,clearance_c,speed,group"]
     for run in range(RUNS):
         recording = campaign.recording(run)
         truth = recording.metadata["truth"]
         write(recording, folder / f"{run}.parquet")
-        rows.append(f"{run}.parquet,{truth['clearance_c']},{truth['speed']},")
+        rows.append(f"{run}.parquet,{1e-5 * run},{truth['clearance_c']},{truth['speed']},")
     (folder / "list.csv").write_text("\n".join(rows))
     return folder / "list.csv"
 
@@ -58,6 +59,18 @@ def test_files_and_a_store_of_the_same_runs_are_the_same_data(stored, measured):
     # Equal to the last bits of single precision, in which the store keeps what the files hold in double.
     np.testing.assert_allclose(one.recordings.signals, two.recordings.signals, rtol=1e-5, atol=1e-5)
     assert one.recordings.chain == two.recordings.chain
+
+
+def test_files_may_be_known_by_the_clearances_of_both_joints(measured):
+    both = loaded("data=measured", f"data.source.path={measured}", "joint=unknown").recordings.target
+    assert both[:, 0] == pytest.approx(1e-5 * np.arange(RUNS))
+    one = loaded("data=measured", f"data.source.path={measured}").recordings.target
+    np.testing.assert_array_equal(both[:, 1:], one)
+
+
+def test_only_clearances_of_the_joints_are_estimated():
+    with pytest.raises(InstantiationException, match=r"targets=\['speed'\]: must be \[clearance_b\] or"):
+        loaded("targets=[speed]")
 
 
 def test_streamed_training_runs_change_every_epoch_and_others_do_not(campaign):
@@ -96,7 +109,7 @@ def test_a_list_of_files_from_different_chains_is_refused(measured, campaign):
         measured.parent / "x.parquet",
     )
     wrong = measured.with_name("wrong.csv")
-    wrong.write_text(measured.read_text() + "\nx.parquet,1e-4,60,\n")
+    wrong.write_text(measured.read_text() + "\nx.parquet,0,1e-4,60,\n")
     with pytest.raises(InputError, match=r"wrong.csv: recordings with different chains .*0\.8.*0\.5"):
         loaded("data=measured", f"data.source.path={wrong}")
 

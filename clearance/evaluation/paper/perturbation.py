@@ -36,7 +36,7 @@ class TrainingData:
     folder: Path  # of data sets
     start_time: float  # [s]
     channels: tuple[str, ...]
-    target: str
+    targets: tuple[str, ...]
     split: RandomSplit
     memory: int  # bytes that recordings may take
 
@@ -56,7 +56,7 @@ class TrainingData:
                 Path(data["source"]["folder"]),
                 float(data["source"]["start_time"]),
                 tuple(data["channels"]),
-                str(config["target"]),
+                tuple(config["targets"]),
                 RandomSplit(**split),
                 int(data["memory_gib"] * 2**30),
             )
@@ -70,7 +70,7 @@ class TrainingData:
         """Recordings of a campaign, or of the training's; simulated where they are not stored."""
         source = SimulatedSource(campaign or self.campaign, str(self.folder), self.start_time)
         source.prepare()
-        return source.load(self.channels, self.target, self.memory)
+        return source.load(self.channels, self.targets, self.memory)
 
     def test(self) -> LabelledRecordings:
         """The recordings that the training was tested with."""
@@ -107,7 +107,7 @@ class NewRuns:
         random: dict[str, Sequence[float]] = dict(nominal.random or {})
         machine = nominal.mechanism
         for joint, drawn in (("joint_b", nominal.joint.b), ("joint_c", nominal.joint.c)):
-            if not drawn:
+            if drawn is False:
                 continue
             contact = getattr(machine, joint).contact
             errors = {"restitution": self.restitution, "stiffness_scale": self.stiffness}
@@ -160,14 +160,14 @@ def subset(every: LabelledRecordings, indices: np.ndarray) -> LabelledRecordings
 
 
 def estimate(gauge: Gauge, recordings: LabelledRecordings) -> tuple[np.ndarray, np.ndarray]:
-    """Estimated and true clearances (windows,) [m] of all windows side by side."""
+    """Estimated and true clearances (windows, targets) [m] of all windows side by side."""
     length = gauge.familiarity.length
     starts, place = RegularWindows(length, length).starts(recordings.lengths, np.random.default_rng(0))
     windows = WindowSet(
         torch.from_numpy(gauge.scalers.signals.transform(recordings.signals)),
         torch.from_numpy(starts + recordings.offsets[place]),
         torch.from_numpy(place),
-        torch.zeros(len(starts)),
+        torch.zeros(len(starts), recordings.target.shape[1]),
         length,
     )
     return estimate_windows(gauge.estimator, gauge.scalers, windows), recordings.target[place]
