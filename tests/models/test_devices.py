@@ -40,7 +40,9 @@ def test_two_processes_come_to_the_weights_of_one(make_data, open_run, tmp_path)
     def fit(devices):
         estimator = configured("lstm", "trainer.epochs=3", f"trainer.devices={devices}")
         make = estimator._make
-        estimator._make = lambda channels, length: Witness(make(channels=channels, length=length), tmp_path)
+        estimator._make = lambda channels, length, outputs: Witness(
+            make(channels=channels, length=length, outputs=outputs), tmp_path
+        )
         seconds = estimator.fit(make_data(), open_run(f"on {devices}"))
         assert seconds > 0
         return estimator.net.net.state_dict()

@@ -33,6 +33,7 @@ def test_our_own_classes_are_built():
         "_target_": "clearance.models.tcn.TemporalConvolutions",
         "channels": 2,
         "length": 50,
+        "outputs": 1,
         "widths": [4],
     }
     assert type(instantiate_trusted(config, "config.yaml")).__name__ == "TemporalConvolutions"
