@@ -31,6 +31,7 @@ from clearance.diagnosis.kinematics.rigid_motion import (
 )
 from clearance.diagnosis.kinematics.shaking import AT_A, shakes
 from clearance.diagnosis.kinematics.smoother import smooth
+from clearance.diagnosis.kinematics.swaying import sway, told
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.mechanism.parameters import Parameter
 from clearance.simulation.layout import STATES, Signal, State
@@ -48,6 +49,7 @@ _CONTACT = (
 _INSIDE = 0.9995  # of the clearance: largest eccentricity of a journal that does not touch
 _SMEAR = 0.02  # of the local acceleration
 _CLIPPED = 1e8  # times the variance: a value at its sensor's limit says nothing
+_SWAYING = 0.05  # of the frame's motion, where it follows from its parameters
 _SHAKEN = 0.2  # of the inertia forces over the mass of the frame
 _TURNING, _MOVING = 400.0, 2000.0  # rad/s^2, m/s^2: typical accelerations
 _BALANCE, _TORQUE_DRIFT = 0.02, 3.0  # N m; N m/s^0.5: how well the crank's torque balances, how it varies
@@ -116,12 +118,16 @@ def reconstruct(
         gap = bore.clearance
         spread[FIRST_JOINT + 4 * j : FIRST_JOINT + 4 * j + 4] = gap, 200.0 * gap, gap, 200.0 * gap
     shaken = parameters[Parameter.SENSOR_CRANK_A] == 0.0 and shakes(measured, angle, speed)
-    noise = _noise(values, measured, parameters, speed, shaken)
+    gives_way = parameters[Parameter.FRAME_INVERSE_MASS_X] > 0.0
+    swaying = None
+    if gives_way and not shaken and told(measured):
+        swaying = sway(measured, angle, speed, parameters)[:count]
+    noise = _noise(values, measured, parameters, speed, shaken, swaying)
     target, sight = np.zeros((count, 2 * loose)), np.zeros((count, 2 * loose, 2))
     doubt = np.full((count, 2 * loose), np.inf)
     felt, lifted = feel(parameters, joints, measured.signals, state, inputs), None
     for iteration in range(_ITERATIONS):
-        steady = _steadied(measured, values, felt, state) if shaken else values
+        steady = _steadied(measured, values, felt, state, shaken, swaying)
         if iteration > 1:  # from the forces of a path that is nearly right: they tell the side
             lifted = _lifted(
                 parameters, measured, *_across(parameters, measured, steady, felt, state, joints)
@@ -142,7 +148,7 @@ def reconstruct(
         felt = feel(parameters, joints, measured.signals, state, inputs, lifted)
         if not (np.isfinite(smoothed).all() and np.isfinite(felt.signals).all()):
             raise np.linalg.LinAlgError("the links do not reach")
-    steady = _steadied(measured, values, felt, state) if shaken else values
+    steady = _steadied(measured, values, felt, state, shaken, swaying)
     error = (steady - felt.signals) ** 2 / noise[:, :-1]
     cost = np.minimum(error, 9.0).mean()
     for j in range(loose):
@@ -168,12 +174,24 @@ def reconstruct(
     return Reconstruction(nodes, float(cost), force, asked, across, unsure, turning)
 
 
-def _steadied(measured: Measured, values: np.ndarray, felt: Felt, state: np.ndarray) -> np.ndarray:
-    """(samples, channels) felt against the frame, whose motion the crank's sensors at A feel."""
+def _steadied(
+    measured: Measured,
+    values: np.ndarray,
+    felt: Felt,
+    state: np.ndarray,
+    shaken: bool,
+    swaying: np.ndarray | None,
+) -> np.ndarray:
+    """(samples, channels) felt against the frame, as the crank's sensors at A feel it or as it sways."""
     at, crank, steady = measured.signals.index, state[:, CRANK_ANGLE], values.copy()
-    axial, across = values[:, at(Signal.CRANK_A_AXIAL)], values[:, at(Signal.CRANK_A_TRANSVERSE)]
-    x = np.cos(crank) * axial - np.sin(crank) * across
-    y = np.sin(crank) * axial + np.cos(crank) * across
+    if shaken:
+        axial, across = values[:, at(Signal.CRANK_A_AXIAL)], values[:, at(Signal.CRANK_A_TRANSVERSE)]
+        x = np.cos(crank) * axial - np.sin(crank) * across
+        y = np.sin(crank) * axial + np.cos(crank) * across
+    elif swaying is not None:
+        x, y = swaying.real, swaying.imag
+    else:
+        return values
     turned = {"crank": crank, "rod": felt.rod_angle, "slider": np.zeros_like(crank)}
     for column, signal in enumerate(measured.signals[: measured.filtered]):
         link, *_, direction = Signal(signal).name.lower().split("_")
@@ -221,18 +239,28 @@ def _lifted(p: np.ndarray, measured: Measured, across: np.ndarray, doubt: float)
     return lift(across[0], across[1], gap, stiffness, doubt, 1.0 / measured.chain.rate)
 
 
-def _noise(values: np.ndarray, measured: Measured, p: np.ndarray, speed: float, shaken: bool) -> np.ndarray:
+def _noise(
+    values: np.ndarray,
+    measured: Measured,
+    p: np.ndarray,
+    speed: float,
+    shaken: bool,
+    swaying: np.ndarray | None,
+) -> np.ndarray:
     """(samples, channels + 1) variances: the sensors', and what the filter smears where axes turn.
 
     Axes turn while a filtered impact rings. A filtered product is not the product of what is filtered. What a
-    frame that moves adds is known as well as the sensors at A tell.
+    frame that moves adds is known as well as the sensors at A tell, or as its own parameters.
     """
     filtered = values[:, : measured.filtered]
     moving = filtered - filtered.mean(axis=0)
     local = uniform_filter1d(moving**2, 2 * SAMPLES, axis=0).max(axis=1, initial=0.0)
     smear = _SMEAR**2 * np.maximum(local - np.median(local), 0.0)
     at_a = [measured.channels.index(channel) for channel in AT_A] if shaken else []
-    shaking = measured.sigma[at_a].max() if shaken else _shaking(p, speed)
+    if shaken:
+        shaking = measured.sigma[at_a].max()
+    else:
+        shaking = _shaking(p, speed) if swaying is None else _SWAYING * float(np.abs(swaying).std())
     noise = np.zeros((len(values), len(measured.sigma) + 1))
     noise[:, :-1] = measured.sigma**2
     noise[:, : measured.filtered] += smear[:, None] + shaking**2

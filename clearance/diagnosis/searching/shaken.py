@@ -1,10 +1,12 @@
-"""A frame that the crank's sensors at A feel moving: one that gives way, or one that something shakes."""
+"""A frame that sensors on the crank feel moving: one that gives way, or one that something shakes."""
 
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained, refine
 from clearance.diagnosis.hypotheses.missing_force import Curve, free_form
+from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.kinematics.shaking import FOUND, KNOTS, find_shaking, measure_frame, shakes
+from clearance.diagnosis.kinematics.swaying import find_frame, sways
 from clearance.diagnosis.searching.everywhere import fit_from
 from clearance.diagnosis.searching.explanation import Explanation, Suspected
 from clearance.diagnosis.searching.geometry import FRAME, suggest_dimensions
@@ -14,7 +16,7 @@ _TOLD = 0.5  # of the variance of what shakes the frame, that a rhythm explains 
 
 
 def begin_frame(search: Search, explanation: Explanation) -> None:
-    """Fit a frame that gives way as the one does which the crank's sensors at A feel.
+    """Fit a frame that gives way as the one does which the crank's sensors feel, at A or at its end.
 
     Where it does not explain, with a dimension with which the motion against the frame agrees better.
     """
@@ -22,17 +24,24 @@ def begin_frame(search: Search, explanation: Explanation) -> None:
     hypothesis = next((g[0] for g in search.groups.values() if g[0].name == FRAME), None)
     if hypothesis is None or not hypothesis.structural(known) or explained(nominal):
         return
-    turning = _turning(search)
-    if not all(shakes(one, *turns) for one, turns in zip(search.recordings, turning, strict=True)):
-        return
-    measured = measure_frame(search.recordings, turning, known)
+    turning, p = _turning(search), known.parameters()
+    pairs = list(zip(search.recordings, turning, strict=True))
+    measured = None
+    if all(shakes(one, *turns) for one, turns in pairs):
+        measured = measure_frame(search.recordings, turning, known)
+    elif all(sways(one, *turns, p) for one, turns in pairs):
+        measured = find_frame(search.recordings, turning, known)
     if measured is None:
         return
     shown = "{:.4g} Hz, a damping ratio of {:.2g} and {:.4g} kg".format(*measured)
     search.report(f"  the frame shakes as one of {shown} would")
     own = dict(zip(FOUND, measured, strict=True))
     sizes = np.array([np.clip(own[u.name], u.low, u.high) for u in hypothesis.unknowns])
-    fit_from(search, explanation, nominal, [hypothesis], sizes, search.profile.best, anew=False)
+    against = profile(
+        search.recordings, search.alignments,
+        lambda c: hypothesis.apply(search.setting.with_clearance(c), sizes), search.workers,
+    )  # fmt: skip
+    fit_from(search, explanation, nominal, [hypothesis], sizes, against.best, anew=False)
     if explained(explanation.best) or search.late():
         return
     for one in suggest_dimensions(search, {}):

@@ -18,7 +18,8 @@ from clearance.errors import InputError
 
 WORN = "worn_bearing"
 _PHASES = 0.25 * np.pi * np.arange(8)
-_TRIED = 0.08  # of the clearance: amplitude with which phases are compared
+# of the clearance: amplitudes with which phases are compared; twice the true one agrees no better than none
+_TRIED = (0.02, 0.08)
 _STEP, _MOST = 0.05, 40  # of the clearance: of the first simplex; machines that are compared
 
 
@@ -68,7 +69,9 @@ def suggest_wear(search: Search, base: Attempt) -> Wear | None:
         machines = [known[int(shape[1])].apply(nominal, shape) for shape in shapes]
         return agreement(recordings, alignments, machines, COMPARED, workers)
 
-    shapes = np.array([[_TRIED * clearance, k, phase] for k in sorted(known) for phase in _PHASES])
+    shapes = np.array(
+        [[share * clearance, k, phase] for share in _TRIED for k in sorted(known) for phase in _PHASES]
+    )
     best = shapes[int(np.argmin(left(clearance, shapes)))]
 
     def shape_of(x: np.ndarray) -> tuple[float, np.ndarray]:
@@ -82,7 +85,7 @@ def suggest_wear(search: Search, base: Attempt) -> Wear | None:
         except InputError:  # lobes larger than any that are made
             return float("inf")
 
-    start = np.array([0.0, _TRIED * np.cos(best[2]), _TRIED * np.sin(best[2])])
+    start = np.array([0.0, *(best[0] / clearance * np.array([np.cos(best[2]), np.sin(best[2])]))])
     simplex = start + np.vstack([np.zeros(3), _STEP * np.eye(3)])
     found = minimize(
         cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": _MOST}

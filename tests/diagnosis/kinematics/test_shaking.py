@@ -39,7 +39,7 @@ def test_what_sensors_feel_against_a_frame_that_moves():
     states, results, signals = found.states[part], found.results[part], found.signals[part][:, channels]
     measured = SimpleNamespace(signals=channels, filtered=10)
     felt = SimpleNamespace(rod_angle=states[:, State.ROD_ANGLE])
-    steady = _steadied(measured, signals, felt, states[:, [State.CRANK_ANGLE, State.CRANK_SPEED]])
+    steady = _steadied(measured, signals, felt, states[:, [State.CRANK_ANGLE, State.CRANK_SPEED]], True, None)
     shaking = np.abs(signals[:, Signal.CRANK_A_AXIAL]).max()
     assert shaking > 3.0
     np.testing.assert_allclose(steady[:, list(AT_A)], 0.0, atol=1e-12 * shaking)
