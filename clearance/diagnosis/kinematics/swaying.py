@@ -108,7 +108,7 @@ def told(one: Measured) -> bool:
     return all(name in one.channels for name in NEEDED)
 
 
-def sways(one: Measured, angle: float, speed: float, p: np.ndarray) -> bool:
+def sways(one: Measured, angle: float, speed: float, p: np.ndarray, loose: bool = False) -> bool:
     """Whether the crank's end contradicts, beyond the noise, that A stands still.
 
     Args:
@@ -116,6 +116,7 @@ def sways(one: Measured, angle: float, speed: float, p: np.ndarray) -> bool:
         angle: of the crank at its first sample [rad].
         speed: of the crank [rad/s].
         p: (PARAMETERS,) of the machine.
+        loose: that A moves as its frame lets it, instead.
     """
     if not told(one):
         return False
@@ -127,7 +128,10 @@ def sways(one: Measured, angle: float, speed: float, p: np.ndarray) -> bool:
         2.0 * speed * across * np.linalg.norm(_filtered(impulse, 1, swaying.rate)),
         along * np.linalg.norm(_filtered(impulse, 2, swaying.rate)),
     )
-    left = _without(swaying.tied(_resting(swaying)), _left(one, swaying))
+    if loose:
+        left = loosely(one, angle, speed, p)[2]
+    else:
+        left = _without(swaying.tied(_resting(swaying)), _left(one, swaying))
     return bool(left.std() > _SHOWN * noise)
 
 
@@ -169,14 +173,34 @@ def find_frame(
 def sway(one: Measured, angle: float, speed: float, p: np.ndarray) -> np.ndarray:
     """(samples,) acceleration of A [m/s^2], x + iy, of a machine whose frame gives way as ``p`` says."""
     swaying = Swaying.of(one, angle, speed, p)
-    mass = 1.0 / p[Parameter.FRAME_INVERSE_MASS_X] - p[Parameter.CRANK_MASS]
-    omega = np.sqrt(p[Parameter.FRAME_STIFFNESS] / mass)
-    ratio = p[Parameter.FRAME_DAMPING] / (2.0 * omega * mass)
-    forced, free = swaying.moved(float(omega / (2.0 * np.pi)), float(ratio), float(mass))
+    forced, free = swaying.moved(*_springs(p))
     columns = swaying.tied(np.column_stack([free, _resting(swaying)]))
     begun = np.linalg.lstsq(columns, _left(one, swaying) - swaying.tied(forced[:, None])[:, 0], rcond=None)[0]
     motion: np.ndarray = forced + free @ begun[: free.shape[1]]
     return motion
+
+
+def loosely(
+    one: Measured, angle: float, speed: float, p: np.ndarray
+) -> tuple[Swaying, np.ndarray, np.ndarray]:
+    """What a frame that gives way as ``p`` says leaves of the tie.
+
+    Returns:
+        The recording as it concerns the frame; (samples, 6) orthonormal directions in which nothing is known,
+        how the frame was let go and gravity; (samples,) what is left across them [m/s^3].
+    """
+    swaying = Swaying.of(one, angle, speed, p)
+    forced, free = swaying.moved(*_springs(p))
+    unknown, _ = np.linalg.qr(swaying.tied(np.column_stack([free, _resting(swaying)])))
+    left = _left(one, swaying) - swaying.tied(forced[:, None])[:, 0]
+    return swaying, unknown, left - unknown @ (unknown.T @ left)
+
+
+def _springs(p: np.ndarray) -> tuple[float, float, float]:
+    """Frequency [Hz] and damping ratio of a machine's frame alone, and its mass [kg]."""
+    mass = 1.0 / float(p[Parameter.FRAME_INVERSE_MASS_X]) - float(p[Parameter.CRANK_MASS])
+    omega = float(np.sqrt(p[Parameter.FRAME_STIFFNESS] / mass))
+    return omega / (2.0 * np.pi), float(p[Parameter.FRAME_DAMPING]) / (2.0 * omega * mass), mass
 
 
 def _left(one: Measured, swaying: Swaying) -> np.ndarray:
@@ -201,3 +225,10 @@ def _filtered(signal: np.ndarray, derivatives: int, rate: float) -> np.ndarray:
     above = np.zeros(4)
     above[3 - derivatives] = _CORNER**2
     return lfilter(*bilinear(above, below, rate), signal - signal[0])
+
+
+def smoothed(frequency: np.ndarray) -> np.ndarray:
+    """Answer of the filter of a tie to angular frequencies [rad/s]."""
+    s = 1j * frequency
+    answer: np.ndarray = _CORNER**2 * s / (s + _CORNER) ** 3
+    return answer

@@ -5,6 +5,7 @@ import numpy as np
 from clearance.diagnosis.following.attempt import Attempt, explained, refine
 from clearance.diagnosis.hypotheses.missing_force import Curve, free_form
 from clearance.diagnosis.kinematics.agreement import profile
+from clearance.diagnosis.kinematics.pushing import find_pushing
 from clearance.diagnosis.kinematics.shaking import FOUND, KNOTS, find_shaking, measure_frame, shakes
 from clearance.diagnosis.kinematics.swaying import find_frame, sways
 from clearance.diagnosis.searching.everywhere import fit_from
@@ -56,7 +57,10 @@ def begin_shaking(search: Search, explanation: Explanation) -> None:
 
     Whatever the nominal machine leaves: from segment to segment a frame that is pushed looks free.
     """
-    found = find_shaking(search.recordings, _turning(search), search.setting.machine)
+    machine, turning = search.setting.machine, _turning(search)
+    found = find_shaking(search.recordings, turning, machine)
+    if found is None:
+        found = find_pushing(search.recordings, turning, machine)
     if found is None or found.share < _TOLD:
         return
     period, none, most = found.rhythm.period, np.zeros(KNOTS), np.abs(found.forces).max()
