@@ -121,7 +121,9 @@ def reconstruct(
     gives_way = parameters[Parameter.FRAME_INVERSE_MASS_X] > 0.0
     swaying = None
     if gives_way and not shaken and told(measured):
-        swaying = sway(measured, angle, speed, parameters)[:count]
+        swaying = sway(measured, angle, speed, parameters)
+    if swaying is not None:
+        swaying = swaying[:count]
     noise = _noise(values, measured, parameters, speed, shaken, swaying)
     target, sight = np.zeros((count, 2 * loose)), np.zeros((count, 2 * loose, 2))
     doubt = np.full((count, 2 * loose), np.inf)

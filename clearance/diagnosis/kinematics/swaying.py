@@ -170,12 +170,19 @@ def find_frame(
     return np.array([np.exp(found.x[0]), found.x[1], np.exp(found.x[2])])
 
 
-def sway(one: Measured, angle: float, speed: float, p: np.ndarray) -> np.ndarray:
-    """(samples,) acceleration of A [m/s^2], x + iy, of a machine whose frame gives way as ``p`` says."""
+def sway(one: Measured, angle: float, speed: float, p: np.ndarray) -> np.ndarray | None:
+    """(samples,) acceleration of A [m/s^2], x + iy, of a machine whose frame gives way as ``p`` says.
+
+    ``None`` where that leaves much of the tie: the frame is another one, or something else pushes it.
+    """
     swaying = Swaying.of(one, angle, speed, p)
     forced, free = swaying.moved(*_springs(p))
     columns = swaying.tied(np.column_stack([free, _resting(swaying)]))
-    begun = np.linalg.lstsq(columns, _left(one, swaying) - swaying.tied(forced[:, None])[:, 0], rcond=None)[0]
+    whole, rest = _left(one, swaying), swaying.tied(forced[:, None])[:, 0]
+    begun = np.linalg.lstsq(columns, whole - rest, rcond=None)[0]
+    still = _without(columns[:, free.shape[1] :], whole)
+    if np.sum((whole - rest - columns @ begun) ** 2) > _LEFT * np.sum(still**2):
+        return None
     motion: np.ndarray = forced + free @ begun[: free.shape[1]]
     return motion
 

@@ -1,25 +1,33 @@
 """A frame that sensors on the crank feel moving: one that gives way, or one that something shakes."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained, refine
+from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.hypotheses.missing_force import Curve, free_form
 from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.kinematics.pushing import find_pushing
 from clearance.diagnosis.kinematics.shaking import FOUND, KNOTS, find_shaking, measure_frame, shakes
 from clearance.diagnosis.kinematics.swaying import find_frame, sways
+from clearance.diagnosis.searching.balance import settle_in, suggest_forces
 from clearance.diagnosis.searching.everywhere import fit_from
 from clearance.diagnosis.searching.explanation import Explanation, Suspected
 from clearance.diagnosis.searching.geometry import FRAME, suggest_dimensions
 from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.searching.work import Balanced
+from clearance.errors import InputError
 
+_NAMED = 2  # forces that are tried beside a frame
 _TOLD = 0.5  # of the variance of what shakes the frame, that a rhythm explains at least
 
 
 def begin_frame(search: Search, explanation: Explanation) -> None:
     """Fit a frame that gives way as the one does which the crank's sensors feel, at A or at its end.
 
-    Where it does not explain, with a dimension with which the motion against the frame agrees better.
+    Where it does not explain, with a force that the balance of work against the frame names, and with a
+    dimension with which the motion against the frame agrees better.
     """
     nominal, known = explanation.nominal, search.setting.machine
     hypothesis = next((g[0] for g in search.groups.values() if g[0].name == FRAME), None)
@@ -45,11 +53,28 @@ def begin_frame(search: Search, explanation: Explanation) -> None:
     fit_from(search, explanation, nominal, [hypothesis], sizes, against.best, anew=False)
     if explained(explanation.best) or search.late():
         return
+    setting = replace(search.setting, machine=hypothesis.apply(known, sizes))
+    for force in _forces_on(search, setting, against.best):
+        both, values = [hypothesis, *force.hypotheses], np.append(sizes, force.values)
+        fit_from(search, explanation, nominal, both, values, force.clearance, anew=True)
+        if explained(explanation.best) or search.late():
+            return
     for one in suggest_dimensions(search, {}):
         values = np.append(one.value, sizes)
         fit_from(search, explanation, nominal, [one.hypothesis, hypothesis], values, one.clearance, anew=True)
         if explained(explanation.best) or search.late():
             return
+
+
+def _forces_on(search: Search, setting: Setting, clearance: float) -> list[Balanced]:
+    """Named forces that give the torque which the motion of a machine needs, settled, the best first."""
+    try:
+        suggested = suggest_forces(search, setting, clearance, named=True)
+        if suggested is None:
+            return []
+        return [settle_in(search, setting, force) for force in suggested.forces[:_NAMED]]
+    except (InputError, np.linalg.LinAlgError):
+        return []
 
 
 def begin_shaking(search: Search, explanation: Explanation) -> None:
