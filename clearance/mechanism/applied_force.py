@@ -139,6 +139,18 @@ def shares(
     return found @ _coefficients(count, repeats, interpolation) + beyond
 
 
+def looked_up(p: np.ndarray, argument: np.ndarray) -> np.ndarray:
+    """(arguments,) what ``look_up`` gives of (PARAMETERS,) of a machine whose table repeats."""
+    along = (argument - p[Parameter.TABLE_START]) % p[Parameter.TABLE_PERIOD]
+    place = along * p[Parameter.TABLE_INVERSE_SPACING]
+    away = np.abs(place[:, None] - np.arange(-1.0, _FUNCTIONS - 1.0))
+    near, far = np.maximum(1.0 - away, 0.0), np.maximum(2.0 - away, 0.0)
+    spline = far**3 - 4.0 * near**3
+    weights = p[Parameter.TABLE_LINEAR] * near + p[Parameter.TABLE_CUBIC] * spline
+    found: np.ndarray = weights @ p[Parameter.TABLE_VALUE_0 :][:_FUNCTIONS]
+    return found
+
+
 def _end(count: int) -> np.ndarray:
     """(count,) coefficients of the slope with which a table goes on after its last value, per spacing."""
     own: np.ndarray = np.eye(count)

@@ -16,6 +16,7 @@ from clearance.mechanism.applied_force import (
     TabulatedForce,
     choose_argument,
     look_up,
+    looked_up,
     shares,
 )
 from clearance.mechanism.parameters import TABLE_KNOTS, Parameter
@@ -69,6 +70,9 @@ def test_a_table_over_time_repeats_after_its_period(values, start, period, time)
     p = parameters(argument="time", start=start, values=values, period=period)
     knots = start + period / len(values) * np.arange(len(values))
     assert look_up(p, time) == pytest.approx(np.interp(time, knots, values, period=period), abs=1e-7)
+    assert looked_up(p, np.array([time, -time])) == pytest.approx(
+        [look_up(p, time), look_up(p, -time)], abs=1e-7
+    )
 
 
 @pytest.mark.parametrize(

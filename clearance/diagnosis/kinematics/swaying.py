@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 from scipy.signal import bilinear, lfilter
 
 from clearance.diagnosis.sensing.measured import Measured
+from clearance.mechanism.applied_force import Argument, looked_up
 from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 
@@ -39,7 +40,8 @@ class Swaying:
     Attributes:
         turned: (samples,) crank angle [rad].
         speed: (samples,) of the crank [rad/s].
-        asked: (samples,) force on the frame by the links, x + iy, but for what moves along with it [N].
+        asked: (samples,) force on the frame, x + iy [N]: of the links, but for what moves along with it, and
+            of a table over time that repeats.
         along: (2,) masses [kg] that move along with the frame, in x and in y.
         rate: [Hz].
     """
@@ -74,6 +76,9 @@ class Swaying:
         asked = -(
             arm / reach * end + p[Parameter.ROD_MASS] * (near + share * (far - near)) + slider * sliding
         )
+        if p[Parameter.TABLE_ARGUMENT] == Argument.TIME and p[Parameter.TABLE_PERIOD] > 0.0:
+            pushed = looked_up(p, one.begin + np.arange(len(values)) / rate)
+            asked = asked + (p[Parameter.TABLE_FRAME_X] + 1j * p[Parameter.TABLE_FRAME_Y]) * pushed
         axial = values[:, one.channels.index("crank_b_axial")]
         fast = np.sqrt(np.maximum(-axial / reach, _SLOWEST * speed**2))
         crank = p[Parameter.CRANK_MASS] - arm / reach

@@ -1,10 +1,13 @@
 """A frame that gives way where no sensor is at A: that it does, on what it stands, and how it moves."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.kinematics.swaying import find_frame, sway, sways, told
+from clearance.mechanism.applied_force import NoForce, TabulatedForce
 from clearance.mechanism.frame import FlexibleFrame
 from clearance.mechanism.guide import StribeckGuide
 from clearance.simulation.layout import State
@@ -19,6 +22,7 @@ from tests.diagnosis.kinematics.test_reconstruction import (
     run,
 )
 
+WAVE = tuple(1500.0 * np.sin(2.0 * np.pi * np.arange(12) / 12))
 SOFT = FlexibleFrame(25.0, 0.03, 15.0)
 
 
@@ -59,9 +63,13 @@ def test_a_sensor_with_another_gain_is_no_frame():
     assert find_frame([measured], [turning(states)], known) is None
 
 
-def test_the_motion_of_a_known_frame():
-    made = machine("C", 4e-4, frame=SOFT)
+@pytest.mark.parametrize(
+    "force", [NoForce(), TabulatedForce("frame", "y", "time", 0.0, None, WAVE, "cubic", 0.06)]
+)
+def test_the_motion_of_a_known_frame(force):
+    made = machine("C", 4e-4, frame=SOFT, force=force)
     measured, states = recorded(made)
+    measured = replace(measured, clock=SETTLED)
     first, last = (round(time * CHAIN.base_rate) for time in (SETTLED, SETTLED + SECONDS))
     rates = run(made).states[:, [State.FRAME_X_RATE, State.FRAME_Y_RATE]]
     true = np.gradient(rates, 1.0 / CHAIN.base_rate, axis=0) @ np.array([1.0, 1j])
@@ -69,6 +77,8 @@ def test_the_motion_of_a_known_frame():
     wanted = (smooth @ np.array([1.0, 1j]))[first : last : CHAIN.decimation]
     found = sway(measured, *turning(states), made.parameters())
     assert np.std(found - wanted) < 0.05 * np.std(wanted)
+    if force != NoForce():
+        assert sway(measured, *turning(states), machine("C", 4e-4, frame=SOFT).parameters()) is None
 
 
 def test_a_clearance_shows_against_a_frame_that_sways():
