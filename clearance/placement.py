@@ -49,7 +49,7 @@ def main(cfg: DictConfig) -> None:
     errors = expected_errors(setting, sets, conditions, threads(cfg.workers))
     order = np.argsort(errors.mean(axis=(1, 2)), kind="stable")
     ranking = [
-        {"channels": list(sets[i]), "error_m": float(errors[i].mean()), "at_m": errors[i].tolist()}
+        {"channels": list(sets[i]), "error_m": _short(errors[i].mean()), "at_m": _short(errors[i])}
         for i in order
     ]
     write_json(folder / "placement.json", {"joint": joint, **describe(conditions), "ranking": ranking})
@@ -61,6 +61,11 @@ def main(cfg: DictConfig) -> None:
     write_atomically(folder / "placement.png", lambda file: figure.savefig(file, dpi=110))
     sys.stdout.write(table(shown) + "\n" + training(ranking[: cfg.best], joint) + "\n")
     log.info("written to %s", folder)
+
+
+def _short(values: np.ndarray) -> Any:
+    """To the digits that linear theory is worth."""
+    return np.vectorize(lambda value: float(f"{value:.3g}"))(values).tolist()
 
 
 def best_by_size(ranking: Sequence[dict[str, Any]], count: int) -> list[list[dict[str, Any]]]:

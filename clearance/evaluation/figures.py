@@ -90,7 +90,8 @@ def best_of_each_size(groups: Sequence[Sequence[tuple[Sequence[str], float]]], t
     )[:, 0]
     for axes, group in zip(panels, groups, strict=True):
         names = [", ".join(channels) for channels, _ in group]
-        axes.barh(range(len(group)), [error * 1e6 for _, error in group], height=0.6)
+        bars = axes.barh(range(len(group)), [error * 1e6 for _, error in group], height=0.6)
+        axes.bar_label(bars, fmt="%.3g", padding=3, fontsize=7)
         axes.set_yticks(range(len(group)), names, fontsize=7)
         axes.invert_yaxis()
         axes.set_xscale("log")

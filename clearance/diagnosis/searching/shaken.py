@@ -6,7 +6,7 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained, refine
 from clearance.diagnosis.hypotheses.hypothesis import Setting
-from clearance.diagnosis.hypotheses.missing_force import Curve, free_form
+from clearance.diagnosis.hypotheses.missing_force import Curve, free_form, refined
 from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.kinematics.pushing import find_pushing
 from clearance.diagnosis.kinematics.shaking import FOUND, KNOTS, find_shaking, measure_frame, shakes
@@ -100,12 +100,19 @@ def begin_shaking(search: Search, explanation: Explanation) -> None:
         "cubic", period,
     )  # fmt: skip
     with search.timed(found.rhythm):
-        pushed = fit_from(
-            search, explanation, explanation.nominal, [free_form(curve, search.setting.joint)], found.forces,
-            search.profile.best, anew=True,
-        )  # fmt: skip
+        pushed = _with_table(search, explanation, curve, search.profile.best)
+        if pushed is not None and not (explained(pushed) or search.late()):  # a force may jump
+            row = pushed.fit.values[0]
+            fine = refined(replace(curve, forces=row[1:-1]), "linear")
+            pushed = _with_table(search, explanation, fine, float(row[0])) or pushed
     if pushed is not None and explained(explanation.nominal):
         _on_the_path_of(pushed, search, explanation)
+
+
+def _with_table(search: Search, explanation: Explanation, curve: Curve, clearance: float) -> Attempt | None:
+    """Fit a table from its values and a clearance [m], on paths that follow it."""
+    held = [free_form(curve, search.setting.joint)]
+    return fit_from(search, explanation, explanation.nominal, held, curve.forces, clearance, anew=True)
 
 
 def _on_the_path_of(pushed: Attempt, search: Search, explanation: Explanation) -> None:
