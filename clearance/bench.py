@@ -1,6 +1,7 @@
 """Measure what simulating costs: ``python -m clearance.bench``, beside Exudyn where it is installed.
 
-``suite=together`` measures what training several seeds at once gains over one after another.
+``suite=together`` measures what training several seeds at once gains over one after another, ``suite=gpu``
+what simulating on a GPU gains.
 """
 
 import logging
@@ -13,7 +14,7 @@ from hydra import compose
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
-from clearance.benchmark import together
+from clearance.benchmark import gpu, together
 from clearance.benchmark.campaigns import FULL_SCALE, measure_campaign, warm_up
 from clearance.benchmark.measurement import circumstances
 from clearance.benchmark.report import lines, save
@@ -88,7 +89,16 @@ def trainings_together(cfg: DictConfig) -> Iterator[str]:
     return together.lines(report)
 
 
-SUITES = {"simulator": simulator, "together": trainings_together}
+def simulator_on_gpu(cfg: DictConfig) -> Iterator[str]:
+    """What simulating on a GPU gains over the processor; writes ``gpu.json``."""
+    report = gpu.measure_gpu(instantiate(cfg.campaign, _convert_="all"), cfg.workers, **cfg.gpu)
+    folder = Path(cfg.folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(folder / "gpu.json", report)
+    return gpu.lines(report)
+
+
+SUITES = {"simulator": simulator, "together": trainings_together, "gpu": simulator_on_gpu}
 
 
 @command("bench")

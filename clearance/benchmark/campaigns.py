@@ -14,7 +14,7 @@ from clearance.benchmark.measurement import Cost, measure
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import peak_memory
 from clearance.recording.synthesis import Campaign
-from clearance.simulation.batch import Sampling, run_batch
+from clearance.simulation.batch import Sampling, Sink, run_batch
 from clearance.simulation.decimation import Decimation
 from clearance.simulation.failure import Failure
 from clearance.simulation.integrator import Integrator
@@ -23,6 +23,7 @@ FULL_SCALE = 1000
 """Runs for which the targets hold."""
 
 Row = dict[str, Any]
+Batch = Callable[[Sequence[SliderCrank], Integrator, Sampling, Sink, int], None]
 
 
 def steps_of(campaign: Campaign) -> int:
@@ -54,8 +55,9 @@ def simulate_all(
     sampling: Sampling,
     workers: int,
     title: str | None = None,
+    batch: Batch = run_batch,
 ) -> int:
-    """Simulate, keep nothing, and count the runs that failed; without title no progress bar."""
+    """Simulate by ``batch``, keep nothing, and count the runs that failed; without title no progress bar."""
     failed = 0
     with tqdm(total=len(machines), unit="run", desc=title, disable=title is None, mininterval=0.5) as bar:
 
@@ -64,7 +66,7 @@ def simulate_all(
             failed += isinstance(outcome, Failure)
             bar.update()
 
-        run_batch(machines, integrator, sampling, count, workers)
+        batch(machines, integrator, sampling, count, workers)
     return failed
 
 

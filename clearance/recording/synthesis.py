@@ -27,7 +27,10 @@ from clearance.recording.recording import Recording
 from clearance.recording.sensors import SensorChain
 from clearance.simulation.batch import Sampling, run_batch, simulate
 from clearance.simulation.failure import Failure
+from clearance.simulation.gpu.batch import require_gpu, run_batch_on_gpu
 from clearance.simulation.integrator import Integrator
+
+DEVICES = ("cpu", "cuda")
 
 SIGNAL_CHANNELS = (*ACCELERATIONS, *OTHER_CHANNELS)
 """Channels in the order of the simulation's signals."""
@@ -77,6 +80,7 @@ class Campaign:
             its own uniform draw: physics that nobody knows.
         random_share: of the runs in which each of them is drawn, all if ``None``; in the others it is the
             machine's own.
+        device: what simulates, ``cpu`` or ``cuda``; decides nothing but rounding, and what chaos makes of it.
     """
 
     mechanism: SliderCrank
@@ -92,8 +96,14 @@ class Campaign:
     record_start: float = 2.0
     random: Mapping[str, Sequence[float]] | None = None
     random_share: float | None = None
+    device: str = "cpu"
 
     def __post_init__(self) -> None:
+        if self.device not in DEVICES:
+            raise InputError(
+                f"Campaign.device = {self.device!r} is not one of {', '.join(DEVICES)}; change the key that "
+                "ends in 'device'"
+            )
         require(self, 1, 10_000_000, whole=True, runs=self.runs)
         require(self, 0, 2**63, whole=True, seed=self.seed)
         require(self, 0.0, 3600.0, strict=True, duration=self.duration)
@@ -140,7 +150,7 @@ class Campaign:
 
     @property
     def fingerprint(self) -> str:
-        """Of everything that decides what a run holds; the number of runs does not."""
+        """Of everything that decides what a run holds; the number of runs and the device do not."""
         return fingerprint(self.settings)
 
     @property
@@ -148,6 +158,7 @@ class Campaign:
         """A description of the campaign for people and for comparison."""
         described = describe(self)
         described.pop("runs")
+        described.pop("device")
         if not self.random:
             described.pop("random")
             described.pop("random_share")
@@ -245,6 +256,7 @@ class Campaign:
         part, parts = shard
         if not 1 <= part <= parts:
             raise InputError(f"shard = {part}/{parts} must be k/n with 1 <= k <= n")
+        self._require_device()
         sampling = self.sampling
         dataset = Dataset.create(
             path,
@@ -280,6 +292,7 @@ class Campaign:
         Raises:
             InputError: if a run becomes non-finite.
         """
+        self._require_device()
         place = Path(folder)
         place.mkdir(parents=True, exist_ok=True)
         paths = [place / f"run-{run:06d}.parquet" for run in range(self.runs)]
@@ -314,7 +327,15 @@ class Campaign:
         self, runs: Sequence[int], sink: Callable[[int, np.ndarray | Failure], None], workers: int | None
     ) -> None:
         machines = [self.machine(run) for run in runs]
-        run_batch(machines, self.integrator, self.sampling, sink, workers)
+        if self.device == "cpu":
+            run_batch(machines, self.integrator, self.sampling, sink, workers)
+        else:
+            run_batch_on_gpu(machines, self.integrator, self.sampling, sink, workers)
+
+    def _require_device(self) -> None:
+        """Refuse before anything is written."""
+        if self.device != "cpu":
+            require_gpu()
 
 
 def _is_number(value: object) -> bool:

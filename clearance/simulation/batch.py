@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import groupby
 from threading import Event, local
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +20,9 @@ from clearance.mechanism.parameters import PARAMETERS, Family, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.decimation import Decimation
 from clearance.simulation.failure import Failure, explain_failure
-from clearance.simulation.integrator import Integrator
-from clearance.simulation.layout import SIGNALS, STATES, Signal
-from clearance.simulation.lockstep import run_lanes, workspace_rows
+from clearance.simulation.integrator import WORKSPACE, Integrator
+from clearance.simulation.layout import SIGNALS, STATES, Result, Signal
+from clearance.simulation.lockstep import filter_rows, run_lanes
 from clearance.simulation.trajectory import rest_state
 
 
@@ -83,13 +84,9 @@ def run_batch(
         any_laws: whether laws are chosen while it runs: slower by a factor of three, but compiled once for
             all laws. For few runs of many kinds.
     """
-    if sampling.samples < 1:
-        raise InputError(f"a recording of {sampling.duration:g} s holds no sample at {sampling.rate:g} Hz")
-    keys = [tuple(machine.codes()) for machine in machines]
-    order = sorted(range(len(machines)), key=lambda i: keys[i])
+    require_sample(sampling)
     groups = []
-    for _, members in groupby(order, key=lambda i: keys[i]):
-        alike = list(members)
+    for alike in by_laws(machines).values():
         groups += [alike[i : i + WIDTH] for i in range(0, len(alike), WIDTH)]
     workspaces, stop = local(), Event()
 
@@ -107,6 +104,19 @@ def run_batch(
             raise
 
 
+def require_sample(sampling: Sampling) -> None:
+    """Check that a result holds at least one sample."""
+    if sampling.samples < 1:
+        raise InputError(f"a recording of {sampling.duration:g} s holds no sample at {sampling.rate:g} Hz")
+
+
+def by_laws(machines: Sequence[SliderCrank]) -> dict[tuple[int, ...], list[int]]:
+    """Machines' indices by the codes of their laws, in the codes' order."""
+    keys = [tuple(int(code) for code in machine.codes()) for machine in machines]
+    order = sorted(range(len(machines)), key=lambda i: keys[i])
+    return {codes: list(members) for codes, members in groupby(order, key=lambda i: keys[i])}
+
+
 def aligned(rows: int) -> np.ndarray:
     """(rows, WIDTH) zeros that begin on a cache line: a vector store never straddles two."""
     flat = np.zeros(rows * WIDTH + 8)
@@ -114,8 +124,13 @@ def aligned(rows: int) -> np.ndarray:
     return flat[offset : offset + rows * WIDTH].reshape(rows, WIDTH)
 
 
-def _silent(codes: tuple[int, ...], p: np.ndarray) -> set[int]:
-    """Acceleration signals that are identically zero, so that filtering them would be waste."""
+def silent_signals(codes: tuple[int, ...], p: np.ndarray) -> set[int]:
+    """Acceleration signals that are identically zero, so that filtering them would be waste.
+
+    Args:
+        codes: (families,) chosen laws.
+        p: (PARAMETERS, runs).
+    """
     if codes[Family.FRAME]:
         return set()
     silent: set[int] = set()
@@ -125,6 +140,65 @@ def _silent(codes: tuple[int, ...], p: np.ndarray) -> set[int]:
     if not p[Parameter.GRAVITY_Y].any() and not codes[Family.GUIDE]:
         silent.add(Signal.SLIDER_VERTICAL)
     return silent
+
+
+def loop_arguments(integrator: Integrator, sampling: Sampling, silent: set[int]) -> tuple[Any, ...]:
+    """Arguments of ``run_lanes`` from ``h`` to ``chunk``, the same for all runs."""
+    filters = sampling.decimation
+    period = 1.0 / sampling.base_rate
+    substeps = integrator.substeps(period)
+    skipped = max(0, sampling.first - filters.chunk)
+    return (
+        period / substeps,
+        substeps,
+        integrator.contact_refinement,
+        skipped,
+        sampling.first - skipped,
+        sampling.samples,
+        np.array([row for row in range(Signal.CRANK_ANGLE) if row not in silent], dtype=np.int64),
+        np.arange(Signal.CRANK_ANGLE, SIGNALS),
+        filters.weights,
+        filters.decay,
+        filters.residues,
+        filters.rest,
+        filters.direct,
+        filters.chunk,
+    )
+
+
+def scratch_rows(sampling: Sampling, silent: set[int]) -> int:
+    """Rows of scratch memory in which ``run_lanes`` filters what is not silent."""
+    filters = sampling.decimation
+    return filter_rows(
+        filters.factor, filters.decay.shape[1], Signal.CRANK_ANGLE - len(silent), filters.chunk
+    )
+
+
+def hand_over(
+    sink: Sink,
+    run: int,
+    machine: SliderCrank,
+    signals: np.ndarray,
+    saved: np.ndarray,
+    integrator: Integrator,
+    sampling: Sampling,
+) -> None:
+    """Give a run's signals to ``sink``, or its failure where they are not finite.
+
+    Args:
+        sink: receives either.
+        run: its index.
+        machine: what ran.
+        signals: (samples, SIGNALS).
+        saved: (STATES,) its last finite state at the end of a chunk.
+        integrator: scheme and steps.
+        sampling: which samples were wanted.
+    """
+    if np.isfinite(signals[-1]).all() and np.isfinite(signals.sum()):
+        sink(run, signals)
+        return
+    period = 1.0 / sampling.base_rate
+    sink(run, explain_failure(machine, saved, integrator, period / integrator.substeps(period)))
 
 
 def _run_group(
@@ -143,47 +217,27 @@ def _run_group(
     for lane, run in enumerate(lanes):
         p[:, lane] = machines[run].parameters()
         s[:, lane] = rest_state(machines[run]) if states is None else states[run]
-    silent = _silent(tuple(codes), p)
-    filtered = np.array([row for row in range(Signal.CRANK_ANGLE) if row not in silent], dtype=np.int64)
-    points = np.arange(Signal.CRANK_ANGLE, SIGNALS)
-    filters = sampling.decimation
-    poles = filters.decay.shape[1]
-    rows = workspace_rows(filters.factor, poles, filtered.size, filters.chunk)
+    silent = silent_signals(tuple(codes), p)
+    rows = scratch_rows(sampling, silent)
     key = (rows, (WIDTH, sampling.samples, SIGNALS), silent)  # silent signals stay the zeros they began as
     if getattr(workspaces, "key", None) != key:
         workspaces.key, workspaces.work, workspaces.out = key, aligned(rows), np.zeros(key[1])
+        workspaces.r, workspaces.w = aligned(Result.FORCE_B_X), aligned(WORKSPACE)
     out = workspaces.out
-    skipped = max(0, sampling.first - filters.chunk)
-    period = 1.0 / sampling.base_rate
-    substeps = integrator.substeps(period)
     run_lanes(
         codes if any_laws else LawChoice(codes),
         p,
         s,
         saved,
+        workspaces.r,
+        workspaces.w,
         workspaces.work,
         integrator.code,
-        period / substeps,
-        substeps,
-        integrator.contact_refinement,
-        skipped,
-        sampling.first - skipped,
-        sampling.samples,
-        filtered,
-        points,
-        filters.weights,
-        filters.decay,
-        filters.residues,
-        filters.rest,
-        filters.direct,
-        filters.chunk,
+        *loop_arguments(integrator, sampling, silent),
         out,
     )
     for lane, run in enumerate(group):
-        if np.isfinite(out[lane, -1]).all() and np.isfinite(out[lane].sum()):
-            sink(run, out[lane])
-        else:
-            sink(run, explain_failure(machines[run], saved[:, lane].copy(), integrator, period / substeps))
+        hand_over(sink, run, machines[run], out[lane], saved[:, lane].copy(), integrator, sampling)
 
 
 def simulate(

@@ -31,6 +31,8 @@ def run_lanes(
     p: np.ndarray,
     s: np.ndarray,
     saved: np.ndarray,
+    r: np.ndarray,
+    w: np.ndarray,
     work: np.ndarray,
     scheme: int,
     h: float,
@@ -56,7 +58,9 @@ def run_lanes(
         p: (PARAMETERS, WIDTH).
         s: (STATES, WIDTH) start states; the end states on return.
         saved: (STATES, WIDTH) on return each run's last finite state at the end of a chunk.
-        work: rows of scratch memory, see ``workspace_rows``.
+        r: (Result.FORCE_B_X, WIDTH) scratch memory, an evaluation.
+        w: (WORKSPACE, WIDTH) scratch memory of the scheme.
+        work: rows of scratch memory, see ``filter_rows``.
         scheme: a ``Scheme``.
         h: step [s].
         substeps: steps a sampling period.
@@ -76,13 +80,8 @@ def run_lanes(
     """
     factor, poles = weights.shape[2], weights.shape[1]
     channels, width = filtered.size, s.shape[1]
-    row = 0
-    r = work[row : row + Result.FORCE_B_X]
-    row += Result.FORCE_B_X
-    w = work[row : row + WORKSPACE]
-    row += WORKSPACE
-    block = work[row : row + factor * SIGNALS]
-    row += factor * SIGNALS
+    block = work[: factor * SIGNALS]
+    row = factor * SIGNALS
     forward = work[row : row + channels * 2 * poles]
     row += channels * 2 * poles
     backward = work[row : row + channels * 2 * poles + 1]
@@ -159,10 +158,10 @@ def run_lanes(
         half = 1 - half
 
 
-def workspace_rows(factor: int, poles: int, channels: int, chunk: int) -> int:
-    """Rows of scratch memory that ``run_lanes`` needs."""
+def filter_rows(factor: int, poles: int, channels: int, chunk: int) -> int:
+    """Rows of scratch memory in which ``run_lanes`` filters."""
     sums = channels * 2 * poles
-    return Result.FORCE_B_X + WORKSPACE + factor * SIGNALS + 2 * sums + 1 + 2 * chunk * (sums + SIGNALS)
+    return factor * SIGNALS + 2 * sums + 1 + 2 * chunk * (sums + SIGNALS)
 
 
 @entry
