@@ -43,8 +43,9 @@ def test_a_frame_that_stands_fast_is_not_said_to_sway(laws):
     assert not sways(measured, *turning(states), machine("C", 1e-4).parameters())
 
 
-@pytest.mark.parametrize("joint", ["B", "C"])
-@pytest.mark.parametrize("laws", [{}, {"guide_friction": StribeckGuide(coulomb_force=10.0)}])
+@pytest.mark.parametrize(
+    ("joint", "laws"), [("B", {"guide_friction": StribeckGuide(coulomb_force=10.0)}), ("C", {})]
+)
 def test_frequency_damping_and_mass_are_found_whatever_else_is_missing(joint, laws):
     measured, states = recorded(machine(joint, 4e-4, frame=SOFT, **laws))
     known = machine(joint, 1e-4)
