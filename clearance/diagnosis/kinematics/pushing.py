@@ -124,6 +124,7 @@ def find_pushing(
             best = other if other[0] < _BETTER * best[0] else best
         found.append((*best, way))
     share, frequency, way = min(found)
+    frequency = float(frequency)  # of what a file will hold
     series = [one.series(frame, frequency, _FINE, way)[0] for one in each]
     places = np.arange(_TURNS) / _TURNS
     first_wave = _wave(series[0], places)
