@@ -34,4 +34,4 @@ def test_a_suite_that_is_not_there_is_refused(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     code, error = call(monkeypatch, capfd, "bench", "suite=training")
     assert code == 2
-    assert "suite=training: must be one of simulator, together; set suite" in error
+    assert "suite=training: must be one of simulator, together, gpu; set suite" in error
