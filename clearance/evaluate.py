@@ -11,7 +11,7 @@ from omegaconf import DictConfig
 from clearance.benchmark import report
 from clearance.commands import command
 from clearance.errors import InputError
-from clearance.evaluation.fresh import FRESH, evaluate_fresh
+from clearance.evaluation.fresh import FRESH, evaluate_fresh, read_fresh
 from clearance.evaluation.overview import overview
 from clearance.evaluation.paper.perturbation import PERTURBED, Perturbation, TrainingData, evaluate_perturbed
 from clearance.evaluation.paper.results import write_results
@@ -72,7 +72,8 @@ def main(cfg: DictConfig) -> None:
 
 def measure_coverage(run: Path, recordings: int) -> None:
     """Write ``fresh.json`` beside a training unless it is there with as many recordings."""
-    if (run / FRESH).exists() and read_json(run / FRESH)[0]["summary"]["recordings"] >= recordings:
+    known = read_fresh(run)
+    if known and known[0]["summary"]["recordings"] >= recordings:
         return
     config: dict[str, Any] = read_yaml(run / CONFIG) or {}
     if "campaign" not in config:

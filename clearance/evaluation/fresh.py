@@ -1,6 +1,7 @@
 """A gauge on recordings that did not exist when it was trained: does its interval hold what it promises?"""
 
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from clearance.models.gauge import Gauge
 from clearance.recording.channels import ACCELERATIONS
 from clearance.recording.dataset import LABELS
 from clearance.recording.synthesis import Campaign
+from clearance.whole_files import read_json
 
 FRESH = "fresh.json"
 _OTHER_SEED = 1_000_000  # added to the training's: none of its runs, streamed or stored, comes again
@@ -46,6 +48,12 @@ class FreshEvaluation:
     def to_json(self) -> dict[str, Any]:
         """Plain numbers with their summary first."""
         return {"summary": self.summary(), **asdict(self)}
+
+
+def read_fresh(run: Path) -> list[dict[str, Any]]:
+    """What was measured for a training, one a joint; nothing where it was not, or by an older version."""
+    known = read_json(run / FRESH) if (run / FRESH).exists() else []
+    return known if isinstance(known, list) else []
 
 
 def evaluate_fresh(gauge: Gauge, campaign: Campaign, recordings: int) -> list[FreshEvaluation]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from clearance.errors import InputError
-from clearance.evaluation.fresh import FRESH
+from clearance.evaluation.fresh import read_fresh
 from clearance.models.run_folder import CONFIG, METRICS
 from clearance.whole_files import read_json, read_yaml
 
@@ -26,7 +26,7 @@ def collect(folder: Path) -> list[dict[str, Any]]:
 
 def _row(run: Path) -> dict[str, Any]:
     metrics, config = read_json(run / METRICS), read_yaml(run / CONFIG) or {}
-    fresh = [one["summary"] for one in read_json(run / FRESH)] if (run / FRESH).exists() else []
+    fresh = [one["summary"] for one in read_fresh(run)]
     return {
         "name": config.get("name", run.name),
         "experiment": run.parent.name,

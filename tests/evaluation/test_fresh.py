@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 from clearance.commands import CONFIGURATION
 from clearance.errors import InputError
-from clearance.evaluation.fresh import evaluate_fresh
+from clearance.evaluation.fresh import FRESH, evaluate_fresh, read_fresh
 from clearance.evaluation.results import collect, markdown, marks, put_between_marks
 from clearance.models.gauge import Gauge
 from clearance.models.run_folder import RunFolder
@@ -98,3 +98,11 @@ def test_what_is_missing_is_named(tmp_path):
         collect(tmp_path)
     with pytest.raises(InputError, match="results"):
         put_between_marks("no marks", "results", "")
+
+
+def test_what_an_older_version_measured_is_measured_again(tmp_path):
+    assert read_fresh(tmp_path) == []
+    (tmp_path / FRESH).write_text('{"summary": {"recordings": 300}}')
+    assert read_fresh(tmp_path) == []
+    (tmp_path / FRESH).write_text('[{"summary": {"recordings": 300}}]')
+    assert read_fresh(tmp_path)[0]["summary"]["recordings"] == 300

@@ -186,21 +186,16 @@ def _balance(
     crank = angle + speed * np.arange(len(values)) / rate
     rod = np.arcsin((machine.guide_offset - machine.crank.length * np.sin(crank)) / machine.rod.length)
 
-    def felt(place: str, angle: np.ndarray) -> np.ndarray:
-        """(samples,) acceleration as x + iy."""
-        axial, across = (values[:, one.channels.index(f"{place}_{way}")] for way in ("axial", "transverse"))
-        return (axial + 1j * across) * np.exp(1j * angle)
-
     def weighed(link: Link, near: np.ndarray, far: np.ndarray, at: np.ndarray) -> np.ndarray:
         """(samples,) mass times the acceleration of its centre, from that of two places on it."""
         share = (link.center_of_mass * link.length - at[0]) / (at[1] - at[0])
         return link.mass * (near + share * (far - near))
 
-    frame = felt("crank_a", crank)
+    frame = felt(one, "crank_a", crank)
     sliding = values[:, one.channels.index("slider_horizontal")] + 1j * frame.imag
     asked = -(
-        weighed(machine.crank, frame, felt("crank_b", crank), p[Parameter.SENSOR_CRANK_A :])
-        + weighed(machine.rod, felt("rod_b", rod), felt("rod_c", rod), p[Parameter.SENSOR_ROD_B :])
+        weighed(machine.crank, frame, felt(one, "crank_b", crank), p[Parameter.SENSOR_CRANK_A :])
+        + weighed(machine.rod, felt(one, "rod_b", rod), felt(one, "rod_c", rod), p[Parameter.SENSOR_ROD_B :])
         + machine.slider.mass * sliding
     )
     return (
@@ -209,6 +204,14 @@ def _balance(
         filtered(frame, 2, rate),
         filtered(asked, 0, rate),
     )
+
+
+def felt(one: Measured, place: str, angle: np.ndarray) -> np.ndarray:
+    """(samples,) acceleration of a place on a link that is turned by ``angle`` [rad], x + iy [m/s^2]."""
+    values = one.values.reshape(-1, len(one.channels))
+    axial, across = (values[:, one.channels.index(f"{place}_{way}")] for way in ("axial", "transverse"))
+    turned: np.ndarray = (axial + 1j * across) * np.exp(1j * angle)
+    return turned
 
 
 def filtered(signal: np.ndarray, integrals: int, rate: float) -> np.ndarray:

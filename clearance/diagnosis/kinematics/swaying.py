@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import bilinear, lfilter
 
+from clearance.diagnosis.kinematics.shaking import felt
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.mechanism.applied_force import Argument, looked_up
 from clearance.mechanism.parameters import Parameter
@@ -24,7 +25,8 @@ NEEDED = (
 )  # fmt: skip
 """Channels that tell what all links ask of the frame."""
 _CORNER = 300.0  # rad/s, of the filter
-_SETTLED = 300  # samples after which it has forgotten how the recording began
+_SETTLED = 9.0  # times its time constant, after which it has forgotten how the recording began
+LONGEST = 2000  # segments of each recording that are looked at for a frame
 _SHOWN = 5.0  # times the noise: what is left of the tie where A moves
 _SLOWEST = 0.3  # of w²: the axial acceleration between impacts never falls below
 _FREQUENCIES, _MASSES = np.geomspace(8.0, 120.0, 28), np.geomspace(8.0, 100.0, 5)  # Hz, kg: begun with
@@ -60,14 +62,8 @@ class Swaying:
         length = p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]
         rod = np.arcsin((p[Parameter.GUIDE_OFFSET] - p[Parameter.CRANK_LENGTH] * np.sin(turned)) / length)
 
-        def felt(place: str, angle: np.ndarray) -> np.ndarray:
-            axial, across = (
-                values[:, one.channels.index(f"{place}_{way}")] for way in ("axial", "transverse")
-            )
-            return (axial + 1j * across) * np.exp(1j * angle)
-
-        end = felt("crank_b", turned)
-        near, far = felt("rod_b", rod), felt("rod_c", rod)
+        end = felt(one, "crank_b", turned)
+        near, far = felt(one, "rod_b", rod), felt(one, "rod_c", rod)
         first, last = p[Parameter.SENSOR_ROD_B], p[Parameter.SENSOR_ROD_C]
         share = (p[Parameter.ROD_TO_B] - first) / (last - first)
         arm, reach = p[Parameter.CRANK_MOMENT], p[Parameter.SENSOR_CRANK_B]
@@ -80,9 +76,14 @@ class Swaying:
             pushed = looked_up(p, one.begin + np.arange(len(values)) / rate)
             asked = asked + (p[Parameter.TABLE_FRAME_X] + 1j * p[Parameter.TABLE_FRAME_Y]) * pushed
         axial = values[:, one.channels.index("crank_b_axial")]
-        fast = np.sqrt(np.maximum(-axial / reach, _SLOWEST * speed**2))
+        fast = np.sign(speed) * np.sqrt(np.maximum(-axial / reach, _SLOWEST * speed**2))
         crank = p[Parameter.CRANK_MASS] - arm / reach
         return Swaying(turned, fast, asked, np.array([crank, crank + slider]), rate)
+
+    @property
+    def settled(self) -> int:
+        """Samples after which the filter of the tie has settled."""
+        return _settled(self.rate)
 
     def tie(self, axial: np.ndarray, transverse: np.ndarray) -> np.ndarray:
         """(samples,) what two accelerations of the crank's end leave of their tie, filtered [m/s^3]."""
@@ -105,12 +106,13 @@ class Swaying:
         """What accelerations (samples, ...) of A, x + iy, leave of the tie at the crank's end."""
         turn = np.exp(-1j * self.turned)
         own = (motion.T * turn).astype(complex)
-        return np.stack([self.tie(one.real, one.imag) for one in own], axis=1)[_SETTLED:]
+        return np.stack([self.tie(one.real, one.imag) for one in own], axis=1)[self.settled :]
 
 
 def told(one: Measured) -> bool:
-    """Whether a recording has the channels of ``NEEDED``."""
-    return all(name in one.channels for name in NEEDED)
+    """Whether a recording has the channels of ``NEEDED`` and is long enough."""
+    long = one.values[..., 0].size > 2 * _settled(one.chain.rate)
+    return long and all(name in one.channels for name in NEEDED)
 
 
 def sways(one: Measured, angle: float, speed: float, p: np.ndarray, loose: bool = False) -> bool:
@@ -126,7 +128,7 @@ def sways(one: Measured, angle: float, speed: float, p: np.ndarray, loose: bool 
     if not told(one):
         return False
     swaying = Swaying.of(one, angle, speed, p)
-    impulse = np.zeros(2 * _SETTLED)
+    impulse = np.zeros(2 * swaying.settled)
     impulse[1] = 1.0
     across, along = (one.sigma[one.channels.index(f"crank_b_{way}")] for way in ("transverse", "axial"))
     noise = np.hypot(
@@ -154,6 +156,7 @@ def find_frame(
         ``None`` if what is left of the tie is not what a frame on springs would leave.
     """
     p = machine.parameters()
+    recordings = [one.part(0, LONGEST) for one in recordings]
     each = [Swaying.of(one, *turns, p) for one, turns in zip(recordings, turning, strict=True)]
     left = [_left(one, swaying) for one, swaying in zip(recordings, each, strict=True)]
 
@@ -219,7 +222,7 @@ def _left(one: Measured, swaying: Swaying) -> np.ndarray:
     """(samples,) what a recording leaves of the tie once the filter is settled [m/s^3]."""
     values = one.values.reshape(-1, len(one.channels))
     axial, across = (values[:, one.channels.index(f"crank_b_{way}")] for way in ("axial", "transverse"))
-    return swaying.tie(axial, across)[_SETTLED:]
+    return swaying.tie(axial, across)[swaying.settled :]
 
 
 def _resting(swaying: Swaying) -> np.ndarray:
@@ -237,6 +240,10 @@ def _filtered(signal: np.ndarray, derivatives: int, rate: float) -> np.ndarray:
     above = np.zeros(4)
     above[3 - derivatives] = _CORNER**2
     return lfilter(*bilinear(above, below, rate), signal - signal[0])
+
+
+def _settled(rate: float) -> int:
+    return round(_SETTLED / _CORNER * rate)
 
 
 def smoothed(frequency: np.ndarray) -> np.ndarray:

@@ -46,10 +46,13 @@ def begin_frame(search: Search, explanation: Explanation) -> None:
     search.report(f"  the frame shakes as one of {shown} would")
     own = dict(zip(FOUND, measured, strict=True))
     sizes = np.array([np.clip(own[u.name], u.low, u.high) for u in hypothesis.unknowns])
-    against = profile(
-        search.recordings, search.alignments,
-        lambda c: hypothesis.apply(search.setting.with_clearance(c), sizes), search.workers,
-    )  # fmt: skip
+    try:
+        against = profile(
+            search.recordings, search.alignments,
+            lambda c: hypothesis.apply(search.setting.with_clearance(c), sizes), search.workers,
+        )  # fmt: skip
+    except np.linalg.LinAlgError:
+        return
     fit_from(search, explanation, nominal, [hypothesis], sizes, against.best, anew=False)
     if explained(explanation.best) or search.late():
         return

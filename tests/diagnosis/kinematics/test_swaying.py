@@ -8,11 +8,13 @@ import pytest
 from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.kinematics.swaying import find_frame, sway, sways, told
 from clearance.mechanism.applied_force import NoForce, TabulatedForce
+from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.frame import FlexibleFrame
 from clearance.mechanism.guide import StribeckGuide
 from clearance.simulation.layout import State
 from tests.diagnosis.kinematics.test_reconstruction import (
     CHAIN,
+    RPM,
     SECONDS,
     SENSORS,
     SETTLED,
@@ -41,6 +43,17 @@ def turning(states):
 def test_a_frame_that_stands_fast_is_not_said_to_sway(laws):
     measured, states = recorded(machine("C", 3e-4, **laws))
     assert not sways(measured, *turning(states), machine("C", 1e-4).parameters())
+
+
+@pytest.mark.parametrize("frame", [{}, {"frame": SOFT}])
+def test_a_crank_may_turn_the_other_way(frame):
+    measured, states = recorded(replace(machine("C", 4e-4, **frame), drive=SpeedControl(-RPM, ramp=0.05)))
+    known = machine("C", 1e-4)
+    assert turning(states)[1] < 0.0
+    assert sways(measured, *turning(states), known.parameters()) == bool(frame)
+    if frame:
+        found = find_frame([measured], [turning(states)], known)
+        assert found[[0, 2]] == pytest.approx([SOFT.frequency, SOFT.mass], rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -90,6 +103,13 @@ def test_a_clearance_shows_against_a_frame_that_sways():
     ]
     assert found[1].misfit.min() < 0.5 * found[0].misfit.min()
     assert found[1].best == pytest.approx(2e-4, rel=0.05)
+
+
+def test_a_recording_that_ends_before_the_filter_settles_does_not_tell():
+    measured, states = recorded(machine("C", 4e-4, frame=SOFT))
+    short = measured.part(0, 40)
+    assert not told(short)
+    assert not sways(short, *turning(states), machine("C", 1e-4).parameters())
 
 
 def test_the_rods_sensors_alone_do_not_tell():
