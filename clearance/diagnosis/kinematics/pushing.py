@@ -12,7 +12,7 @@ import numpy as np
 
 from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.kinematics.shaking import KNOTS, Shaking
-from clearance.diagnosis.kinematics.swaying import LONGEST, loosely, smoothed, sways, told
+from clearance.diagnosis.kinematics.swaying import LOOKED_AT, loosely, smoothed, sways, told
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.mechanism.frame import FlexibleFrame
 from clearance.mechanism.slider_crank import SliderCrank
@@ -101,7 +101,7 @@ def find_pushing(
     frame, p = machine.frame, machine.parameters()
     if not isinstance(frame, FlexibleFrame) or not all(map(told, recordings)):
         return None
-    pairs = [(one.part(0, LONGEST), turns) for one, turns in zip(recordings, turning, strict=True)]
+    pairs = [(one.part(0, LOOKED_AT), turns) for one, turns in zip(recordings, turning, strict=True)]
     if not all(sways(one, *turns, p, loose=True) for one, turns in pairs):
         return None
     each = [_Left.of(one, *turns, p) for one, turns in pairs]

@@ -26,7 +26,7 @@ NEEDED = (
 """Channels that tell what all links ask of the frame."""
 _CORNER = 300.0  # rad/s, of the filter
 _SETTLED = 9.0  # times its time constant, after which it has forgotten how the recording began
-LONGEST = 2000  # segments of each recording that are looked at for a frame
+LOOKED_AT = 2000  # segments of each recording that are looked at for a frame
 _SHOWN = 5.0  # times the noise: what is left of the tie where A moves
 _SLOWEST = 0.3  # of w²: the axial acceleration between impacts never falls below
 _FREQUENCIES, _MASSES = np.geomspace(8.0, 120.0, 28), np.geomspace(8.0, 100.0, 5)  # Hz, kg: begun with
@@ -156,7 +156,7 @@ def find_frame(
         ``None`` if what is left of the tie is not what a frame on springs would leave.
     """
     p = machine.parameters()
-    recordings = [one.part(0, LONGEST) for one in recordings]
+    recordings = [one.part(0, LOOKED_AT) for one in recordings]
     each = [Swaying.of(one, *turns, p) for one, turns in zip(recordings, turning, strict=True)]
     left = [_left(one, swaying) for one, swaying in zip(recordings, each, strict=True)]
 
