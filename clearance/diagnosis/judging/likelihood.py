@@ -3,7 +3,8 @@
 An impact that an edge of a force, or a clearance, moves a little past a sample makes the cost of a fit steep
 there and nowhere else. So every parameter is moved by what its curvature allows, everything else is fitted
 again, and where that costs less than it should the parameter is moved further. What costs less than the fit
-itself is a better fit.
+itself is a better fit. The derivatives of the fit serve where the cost rises as its curvature says; where it
+rises more, new ones are computed on the way.
 
 Reference: profile likelihood, Venzon & Moolgavkar 1988, Applied Statistics 37(1), 87-94.
 """
@@ -12,7 +13,8 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, tightened
 from clearance.diagnosis.shooting.covariance import covariance, deviations
-from clearance.diagnosis.shooting.fit import fit, settle
+from clearance.diagnosis.shooting.fit import fit, observe, settle, solve, unsteady
+from clearance.diagnosis.shooting.nearby import settle_nearby
 from clearance.errors import InputError
 
 _QUANTILE = 1.96  # standard deviations of a 95 % interval
@@ -21,6 +23,7 @@ _BETTER = 1.0  # fall of the sum of squares that is a better fit
 _MOVES = 3  # to a better fit, at most
 _FURTHER = 3  # times that a parameter is moved twice as far, at most
 _LEAP = 4.0  # times as far, over a ripple
+_STEEP = 1.1  # rise over what the curvature says, from which on its derivatives do not serve
 _LARGE = 8  # parameters from which on the clearance alone is asked for: a table's knots are many
 _ITERATIONS, _TOLERANCE = 4, 1e-7
 
@@ -48,6 +51,8 @@ def _moved(attempt: Attempt, workers: int) -> bool:
     low, high = np.array([[u.low, u.high] for u in model.unknowns]).T
     # where an effect sets in is a place in the motion: beyond a ripple may lie a deeper valley
     rough = [False, *(shape for h in attempt.hypotheses for shape in h.shapes)]
+    passes = observe(tightened(attempt.followers), model, base.values, workers, forces=False)
+    solve(passes, [unsteady(len(one.local)) for one in passes], workers, judged=False)
     for i, unknown in enumerate(model.unknowns[:shared]):
         if unknown.low == unknown.high or (i > 0 and shared > _LARGE):
             continue
@@ -62,12 +67,15 @@ def _moved(attempt: Attempt, workers: int) -> bool:
                 followers = tightened(attempt.followers)
                 values = np.clip(base.values + along * sign * step, low, high)
                 values[:, i] = target
-                part = model.only(kept, values[0])
                 try:
-                    other = settle(followers, part, values[:, kept], _ITERATIONS, _TOLERANCE, workers)
+                    other = settle_nearby(followers, base, passes, values, i, workers)
+                    values = other.values
+                    if not other.cost - base.cost < _STEEP * step**2 / spread[i, i]:
+                        part = model.only(kept, values[0])
+                        other = settle(followers, part, values[:, kept], _ITERATIONS, _TOLERANCE, workers)
+                        values[:, kept] = other.values
                 except InputError:  # no law takes these values together
                     break
-                values[:, kept] = other.values
                 rise = other.cost - base.cost
                 if rise < -_BETTER:
                     found = fit(followers, model, values, 3 * _ITERATIONS, _TOLERANCE, workers)

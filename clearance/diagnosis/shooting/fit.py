@@ -112,6 +112,17 @@ def _in_parallel(one: Callable[[Job], Result], jobs: list[Job], workers: int) ->
         return list(pool.map(one, jobs))
 
 
+def solve(
+    passes: Sequence[Pass], damping: Sequence[float | np.ndarray], workers: int = 2, judged: bool = True
+) -> None:
+    """Eliminate the states of all recordings, each with its damping; ``judged``: as of ``Pass.solve``."""
+
+    def one(job: tuple[Pass, float | np.ndarray]) -> None:
+        job[0].solve(job[1], judged)
+
+    _in_parallel(one, list(zip(passes, damping, strict=True)), workers)
+
+
 def assemble(passes: Sequence[Pass], model: Model, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Information (P, P) and score (P,) of all parameters in their own units."""
     shared, count = model.shared, len(model.unknowns)
@@ -126,8 +137,8 @@ def assemble(passes: Sequence[Pass], model: Model, values: np.ndarray) -> tuple[
     return information, score
 
 
-def _spread(change: np.ndarray, model: Model, recordings: int) -> np.ndarray:
-    """(recordings, unknowns) from a vector of all parameters."""
+def spread(change: np.ndarray, model: Model, recordings: int) -> np.ndarray:
+    """(recordings, unknowns) from a vector of all parameters; ``flatten`` goes back."""
     shared, own = model.shared, len(model.unknowns) - model.shared
     rows = [
         np.concatenate([change[:shared], change[shared + r * own : shared + (r + 1) * own]])
@@ -172,8 +183,7 @@ def fit(
     found = settle(followers, model, values, iterations, tolerance, workers, **options)
     about = {key: value for key, value in options.items() if key not in _SETTLING}
     passes = observe(followers, model, found.values, workers, **about)
-    for one in passes:
-        one.solve()
+    solve(passes, [0.0] * len(passes), workers)
     information, _ = assemble(passes, model, found.values)
     return Fit(model, found.values, found.cost, passes, information)
 
@@ -217,7 +227,8 @@ def settle(
     first = int(options.get("first", 0))  # type: ignore[call-overload]
     samples = sum(c.samples for c in seen)
     damping, share = 0.0, _RATIO
-    least = [_unsteady(len(c.local), options) for c in seen]
+    doubt = float(options.get("doubt", 1.0))  # type: ignore[arg-type]
+    least = [unsteady(len(c.local), doubt) for c in seen]
     local = [held.copy() for held in least]
     for iteration in range(iterations):
         if cost < goal * samples:
@@ -226,22 +237,23 @@ def settle(
         paths = [f.path.copy() for f in followers]
         best: tuple[float, list[Path], list[Comparison], np.ndarray] | None = None
         for _ in range(tries):
-            for one, held in zip(passes, local, strict=True):
-                one.solve(np.maximum(damping, held), judged=False)
+            solve(passes, [np.maximum(damping, held) for held in local], workers, judged=False)
             information, score = assemble(passes, model, values)
             information += np.diag(damping * _stiffness(model, values) + away.weight)
             score -= away.weight * away.distance(values)
             most = np.where(ratio, share * np.abs(values), np.inf)
-            lows = _flatten(np.maximum(low - values, -most), model)
-            highs = _flatten(np.minimum(high - values, most), model)
-            change = _spread(solve_bounded(information, score, lows, highs), model, len(followers))
+            lows = flatten(np.maximum(low - values, -most), model)
+            highs = flatten(np.minimum(high - values, most), model)
+            change = spread(solve_bounded(information, score, lows, highs), model, len(followers))
             moved = values + change
             trial = _step(followers, model, values, moved, passes, first, workers, options)
             new = sum(c.cost for c in trial) + away.cost(moved) if trial is not None else np.inf
             last = np.inf
             while trial is not None and model.unknowns and cost <= new < _FALLING * last:
                 last = new
-                trial = _corrected(followers, model, moved, damping, local, first, workers, options)
+                trial = _corrected(
+                    followers, model, moved, passes, trial, damping, local, first, workers, options
+                )
                 new = sum(c.cost for c in trial) + away.cost(moved)
             if trial is not None and new < min(cost * (1.0 + 1e-9), best[0] if best else np.inf):
                 best = new, [f.path.copy() for f in followers], trial, moved
@@ -280,10 +292,10 @@ def settle(
     return Settled(model, values, cost, seen)
 
 
-def _unsteady(segments: int, options: dict[str, object]) -> np.ndarray:
+def unsteady(segments: int, doubt: float = 1.0) -> np.ndarray:
     """(segments,) damping of the first ones, which only samples after them tell: far steps are wild."""
     held = np.zeros(segments)
-    if float(options.get("doubt", 1.0)) >= 1.0:  # type: ignore[arg-type]
+    if doubt >= 1.0:
         held[:_FIRST] = 1.0
     return held
 
@@ -316,6 +328,8 @@ def _corrected(
     followers: Sequence[Follower],
     model: Model,
     moved: np.ndarray,
+    passes: Sequence[Pass],
+    trial: Sequence[Comparison],
     damping: float,
     local: Sequence[np.ndarray],
     first: int,
@@ -326,11 +340,14 @@ def _corrected(
 
     A contact's penetration depends on stiffness and force by a power; the linear step misses it by little in
     length and by much in force, and one more step of the path alone sets it right (second-order correction,
-    Nocedal & Wright, Numerical Optimization, 2006, ch. 15.6).
+    by the derivatives before the step: Nocedal & Wright, Numerical Optimization, 2006, ch. 15.6).
     """
-    passes = observe(followers, model, moved, workers, forces=False, **options)
-    for follower, one, held in zip(followers, passes, local, strict=True):
-        one.solve(np.maximum(damping, held), judged=False)
+    chords = [
+        follower.beside(one, seen, first)
+        for follower, one, seen in zip(followers, passes, trial, strict=True)
+    ]
+    solve(chords, [np.maximum(damping, held) for held in local], workers, judged=False)
+    for follower, one in zip(followers, chords, strict=True):
         follower.move(one.change(np.zeros(len(model.unknowns))), one.chart, first)
     return compare(followers, model, moved, workers, **options)
 
@@ -369,7 +386,7 @@ class _Leash:
 
     def distance(self, values: np.ndarray) -> np.ndarray:
         """(P,) from home; of shared unknowns that of the first recording."""
-        return np.zeros(1) if self.home is None else _flatten(values - self.home, self.model)
+        return np.zeros(1) if self.home is None else flatten(values - self.home, self.model)
 
     def cost(self, values: np.ndarray) -> float:
         """Sum of squares of the unknowns' distances, each in units of what is expected."""
@@ -381,6 +398,7 @@ _RATIO = 0.3  # of its value that an unknown which counts by ratios changes in o
 _REACH = 0.05  # of a parameter's value, where nothing else is said
 
 
-def _flatten(rows: np.ndarray, model: Model) -> np.ndarray:
+def flatten(rows: np.ndarray, model: Model) -> np.ndarray:
+    """(P,) of all parameters from (recordings, unknowns)."""
     shared = model.shared
     return np.concatenate([rows[0, :shared], rows[:, shared:].ravel()])

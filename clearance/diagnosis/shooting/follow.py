@@ -15,7 +15,7 @@ from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.measured import NO_FAULT, REACH, SAMPLES, Measured
 from clearance.diagnosis.shooting.chart import Chart
 from clearance.diagnosis.shooting.filtering import pass_filter
-from clearance.diagnosis.shooting.stretch import INPUTS, Comparison, Pass, Path
+from clearance.diagnosis.shooting.stretch import INPUTS, OUTLIER, Comparison, Pass, Path, continuity
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import CONSTANTS
 from clearance.mechanism.parameters import JOINT_STRIDE, PARAMETERS, Family, Parameter
@@ -25,7 +25,6 @@ from clearance.simulation.integrator import Integrator
 from clearance.simulation.layout import SIGNALS, STATES
 from clearance.simulation.shooting import WORK_ROWS, coast, shoot
 
-OUTLIER = 4.0  # standard deviations beyond which a row loses weight (Huber)
 EDGE = 2  # segments at a stretch's ends whose samples feel too much of what lies outside
 _GRIP = 1e-3  # weight of continuity there at the beginning: a first bounce, hardly seen, must not hold all up
 
@@ -176,8 +175,7 @@ class Follower:
         direct[:-1] += shared[1:, 0]
         direct *= used[..., None]
         # a robust row of continuity: both sides weigh less
-        miss = np.abs(seen.defect)
-        kink = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(miss, OUTLIER)))
+        kink = continuity(seen.defect)
         flow *= kink[:, :, None]
         own[1:] *= kink[:-1, :, None]
         held = np.zeros((n, nv))
@@ -191,7 +189,11 @@ class Follower:
         )  # fmt: skip
         reach = np.concatenate([chart.reach, np.full(nw, np.inf)])
         about = {one.name: getattr(seen, one.name) for one in fields(Comparison)}
-        return Pass(**about, system=system, reach=reach)
+        return Pass(**about, system=system, reach=reach, scale=scale)
+
+    def beside(self, one: Pass, seen: Comparison, first: int = 0) -> Pass:
+        """A linearisation from segment ``first`` on, carried over to the present path as seen."""
+        return one.beside(seen, self.path.inputs[first : first + len(seen.local)] / self.input_sigma)
 
     def _compared(
         self,

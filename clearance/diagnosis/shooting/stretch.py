@@ -1,6 +1,6 @@
 """What a look at a stretch of a recording leaves behind: a path, a comparison, a linearisation."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -15,6 +15,8 @@ INPUTS: tuple[Parameter, ...] = (
     Parameter.FORCE_SLIDER_X,
 )
 """Unknown forces, one for each coordinate that the sensors can tell apart."""
+
+OUTLIER = 4.0  # standard deviations beyond which a row loses weight (Huber)
 
 
 @dataclass
@@ -87,6 +89,7 @@ class Pass(Comparison):
         system: arguments of ``eliminate``: flow, defect, inputs, own, prior, damping, jacobian,
             sensitivity, residual.
         reach: (nz + inputs,) change of each unknown that the linearisation surely bears.
+        scale: factor on the noise.
         gram: (P + 1, P + 1) inner products of what the states cannot explain: parameters, residual.
         parts: (segments, P) shares of the segments in the gram's last column: their scores.
         innovation: (segments, samples, channels) residual against the prediction from earlier segments.
@@ -96,6 +99,7 @@ class Pass(Comparison):
 
     system: tuple[np.ndarray, ...]
     reach: np.ndarray
+    scale: float
     gram: np.ndarray = field(init=False)
     parts: np.ndarray = field(init=False)
     innovation: np.ndarray = field(init=False)
@@ -125,6 +129,33 @@ class Pass(Comparison):
         self.innovation, self.spread = innovation.reshape(shape), spread.reshape(shape)
         return self
 
+    def beside(self, seen: Comparison, inputs: np.ndarray) -> "Pass":
+        """The same derivatives beside another motion near by: to go on without computing them again.
+
+        Reference: chord method, Kelley 1995, Iterative Methods for Linear and Nonlinear Equations, ch. 5.4.
+
+        Args:
+            seen: the motion, of the same stretch.
+            inputs: (segments, inputs) unknown forces on it, in their standard deviations.
+        """
+        flow, _, before, own, prior, held, jacobian, sensitivity, residual = self.system
+        shape = residual.shape
+        again = np.divide(seen.used, self.used, out=np.zeros_like(seen.used), where=self.used > 0.0)
+        rows = again.reshape(shape)[:, :, None]
+        weight = continuity(seen.defect)
+        kept = (weight / continuity(self.defect))[:, :, None]
+        flow, own, jacobian = flow * kept, own.copy(), jacobian.copy()
+        own[1:] *= kept[:-1]
+        jacobian[:, 1] *= rows
+        jacobian[:-1, 2] *= rows[1:]
+        jacobian[1:, 0] *= rows[:-1]
+        system = (
+            flow, seen.defect * weight, inputs[:, : before.shape[1]], own, prior, held, jacobian,
+            sensitivity * rows, (seen.residual / self.scale * seen.used).reshape(shape),
+        )  # fmt: skip
+        about = {one.name: getattr(seen, one.name) for one in fields(Comparison)}
+        return Pass(**about, system=system, reach=self.reach, scale=self.scale)
+
     def draw(self, random: np.random.Generator) -> np.ndarray:
         """(segments, nz + inputs) deviation from the solution, drawn from what is known of the states."""
         return draw(self.kept, random)
@@ -134,3 +165,8 @@ class Pass(Comparison):
         solution = np.zeros(self.kept.shape[:2])
         substitute(self.kept, parameters, solution)
         return solution
+
+
+def continuity(defect: np.ndarray) -> np.ndarray:
+    """Weights of rows of continuity: far from its place a segment's end weighs less."""
+    return np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(defect), OUTLIER)))
