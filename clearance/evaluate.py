@@ -88,6 +88,7 @@ def measure_perturbed(runs: Path, perturbations: Mapping[str, Perturbation], rec
     """Write ``perturbed.json`` beside each training of Table 7 unless it is there with as many recordings."""
     wanted = set(trainings_of("table6"))
     for one in finished_trainings(runs):
+        assert one.path is not None
         path = one.path / PERTURBED
         if one.training not in wanted:
             continue

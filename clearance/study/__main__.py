@@ -2,6 +2,7 @@
 
 import logging
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
@@ -9,7 +10,8 @@ from omegaconf import DictConfig
 
 from clearance.commands import command
 from clearance.errors import InputError
-from clearance.evaluation.paper.trainings import trainings_of
+from clearance.evaluation.paper.results import RECORD
+from clearance.evaluation.paper.trainings import Training, recorded_trainings, reduction, trainings_of
 from clearance.study.plan import stages
 from clearance.study.running import Budget, Runner
 
@@ -29,7 +31,9 @@ def main(cfg: DictConfig) -> None:
         raise InputError(f"parallel = {cfg.parallel!r} is not a whole number, 1 or more; change parallel")
     scale = str(HydraConfig.get().runtime.choices["scale"])
     order = stages([trainings_of(str(name)) for name in cfg.experiments])
-    runner = Runner(Path(cfg.folder), scale, list(map(str, cfg.arguments)), budget, cfg.parallel)
+    arguments = list(map(str, cfg.arguments))
+    recorded = _recorded(Path(cfg.pictures) / RECORD, scale, arguments)
+    runner = Runner(Path(cfg.folder), scale, arguments, budget, cfg.parallel, recorded)
     every = [training for stage in order for batch in stage for training in batch.trainings]
     log.info(
         "%d of %d trainings at scale %s are finished", sum(map(runner.finished, every)), len(every), scale
@@ -48,6 +52,22 @@ def main(cfg: DictConfig) -> None:
     if runner.failed:
         where = runner.place(runner.failed[0])
         raise InputError(f"{len(runner.failed)} trainings failed, the first in {where}; change arguments")
+
+
+def _recorded(record: Path, scale: str, arguments: Sequence[str]) -> frozenset[Training]:
+    """What need not be trained again.
+
+    Raises:
+        InputError: the record is of another scale, which one report cannot hold.
+    """
+    known = recorded_trainings(record)
+    for one in known:
+        if dict(one.reduced) != reduction(one.training.setting, f"scale={scale}", *arguments):
+            raise InputError(
+                f"pictures = {record.parent}: {record.name} there holds trainings of another scale than "
+                f"{scale}; set pictures and report to others"
+            )
+    return frozenset(one.training for one in known)
 
 
 def seconds_of(text: object) -> float:

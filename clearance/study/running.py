@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -52,6 +52,7 @@ class Runner:
         arguments: more overrides of every training.
         budget: of the whole study.
         parallel: trainings at a time, which share the cores.
+        recorded: trainings that were finished before, here or on another machine.
     """
 
     folder: Path
@@ -59,6 +60,7 @@ class Runner:
     arguments: Sequence[str]
     budget: Budget
     parallel: int = 1
+    recorded: Set[Training] = frozenset()
     failed: list[Training] = field(default_factory=list)
     _running: set[subprocess.Popen[bytes]] = field(default_factory=set)
     _stopped: Event = field(default_factory=Event)
@@ -70,7 +72,7 @@ class Runner:
 
     def finished(self, training: Training) -> bool:
         """Whether nothing is left to do."""
-        return (self.place(training) / METRICS).exists()
+        return training in self.recorded or (self.place(training) / METRICS).exists()
 
     @property
     def left(self) -> float:

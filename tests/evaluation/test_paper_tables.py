@@ -5,12 +5,14 @@ import json
 import pytest
 
 from clearance.errors import InputError
+from clearance.evaluation.paper.estimates import PredictedAgainstTrue
 from clearance.evaluation.paper.results import TITLES, results, write_results
 from clearance.evaluation.paper.tables import comparisons, paper_numbers, perturbed, row_name, table
 from clearance.evaluation.paper.trainings import (
     Setting,
     Training,
     finished_trainings,
+    reduction,
     reductions,
     trainings_of,
 )
@@ -113,6 +115,7 @@ def test_perturbed_errors_stand_beside_those_of_the_test_recordings(tmp_path):
     errors = {"nmae": 0.7, "nrmse": 1.4, "median_ae": 4e-6, "p95_ae": 2e-5}
     content = {"recordings": 165, "perturbations": {"restitution": errors}}
     (run.path / "perturbed.json").write_text(json.dumps(content))
+    (run,) = finished_trainings(tmp_path)
     lines = perturbed(trainings_of("table6"), {run.training: run}).splitlines()
     assert lines[2] == "| LSTM, test recordings | 1 | 0.50 | 1.00 | 2.50 | 15.00 |"
     assert lines[4] == "| LSTM, restitution +10/-20 % | 1 | 0.70 | 1.40 | 4.00 | 20.00 |"
@@ -124,3 +127,33 @@ def test_two_scales_in_one_folder_are_refused(tmp_path):
     finish(tmp_path / "b", Training(LSTM, 98, 42), 0.5, "scale=reduced")
     with pytest.raises(InputError, match="different scales; set runs"):
         finished_trainings(tmp_path)
+
+
+def test_what_another_machine_trained_stays_in_the_report(reduced, tmp_path):
+    write_results(reduced, tmp_path / "R.md", tmp_path / "pictures", {})
+    before = (tmp_path / "R.md").read_text()
+    (tmp_path / "pictures/figure8.png").write_bytes(b"drawn there")
+    finish(tmp_path / "here", Training(Setting("gru"), 98, 42), 0.9, "scale=reduced")
+    gru = {"figure8": PredictedAgainstTrue(["lstm", "gru"], "C", 98, 42)}
+    write_results(tmp_path / "here", tmp_path / "R.md", tmp_path / "pictures", gru)
+    after = (tmp_path / "R.md").read_text()
+    assert "| GRU | 1 of 30 | 0.90 |" in after
+    assert set(before.splitlines()) - set(after.splitlines()) <= {
+        line for line in before.splitlines() if not line.startswith("|")
+    }
+    assert (tmp_path / "pictures/figure8.png").read_bytes() == b"drawn there"  # its weights are not here
+    assert "](pictures/figure8.png)" in after
+    assert len(json.loads((tmp_path / "pictures/study.json").read_text())) == 13
+
+
+def test_a_record_of_another_scale_is_not_mixed_in(reduced, tmp_path):
+    write_results(reduced, tmp_path / "R.md", tmp_path / "pictures", {})
+    finish(tmp_path / "here", Training(LSTM, 98, 123), 0.5)
+    with pytest.raises(InputError, match=r"trainings of lstm at different scales: .*study\.json"):
+        write_results(tmp_path / "here", tmp_path / "R.md", tmp_path / "pictures", {})
+
+
+def test_a_training_to_come_is_reduced_as_a_finished_one_says(reduced):
+    one = finished_trainings(reduced)[0]
+    assert reduction(one.training.setting, "scale=reduced") == one.reduced
+    assert reduction(one.training.setting) == {}

@@ -34,6 +34,16 @@ def test_a_wrong_input_is_one_line(tmp_path, monkeypatch, capfd, name, wrong, wo
     assert words in error
 
 
+def test_a_record_of_another_scale_ends_a_study_before_it_begins(tmp_path, monkeypatch, capfd):
+    finish(tmp_path / "runs", Training(Setting("lstm"), 98, 42), 0.5, "scale=reduced")
+    monkeypatch.chdir(tmp_path)
+    where = ("report=out/RESULTS.md", "pictures=out/pictures")
+    assert call(monkeypatch, capfd, "evaluate", "runs=runs", *where, "experiment=table7") == (0, "")
+    code, error = call(monkeypatch, capfd, "study.__main__", "scale=smoke", "folder=other", *where)
+    assert (code, error.count("\n")) == (2, 1)
+    assert "study.json there holds trainings of another scale than smoke" in error
+
+
 @pytest.mark.slow
 def test_a_study_trains_evaluates_and_reports_and_goes_on(tmp_path):
     study = ("scale=smoke", "experiments=[table5,table6]", "perturbed=6", "folder=runs", "report=R.md")

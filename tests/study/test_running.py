@@ -60,6 +60,13 @@ def test_an_untimed_model_is_timed_by_one_training_and_the_rest_is_one_list(runn
     assert begun(again) == ["42", "98", "123"]  # nothing is repeated
 
 
+def test_what_the_record_holds_is_not_trained_again(runner):
+    one = runner(1000.0)
+    one.recorded = frozenset(BATCH.trainings[:2])
+    assert one.train(BATCH) == 0
+    assert begun(one) == ["123"]
+
+
 def test_what_does_not_fit_is_not_begun(runner, tmp_path):
     (tmp_path / "runs").mkdir()
     (tmp_path / "runs/costs.json").write_text('[["lstm", 10, 50.0], ["report", 1, 10.0]]')

@@ -37,14 +37,15 @@ class PredictedAgainstTrue:
     seed: int
 
     def draw(self, found: Mapping[Training, Finished]) -> Figure | None:
-        """A panel a finished training, ``None`` if there is none."""
+        """A panel a finished training; ``None`` if there is none, or one whose folder is not here."""
         wanted = {m: Training(Setting(m, joint=self.joint), self.split_seed, self.seed) for m in self.models}
         runs = {model: found[key] for model, key in wanted.items() if key in found}
-        if not runs:
+        if not runs or any(run.path is None for run in runs.values()):
             return None
         figure = new_figure(4.2 * len(runs), 4.3)
         panels = np.atleast_1d(figure.subplots(1, len(runs), sharex=True, sharey=True))
         for axes, (model, run) in zip(panels, runs.items(), strict=True):
+            assert run.path is not None
             where = str(run.path / CONFIG)
             gauge = Gauge.load(instantiate_trusted(dict(run.config["model"]), where), run.path)
             values, truth = estimate(gauge, TrainingData.of(run.path).test())

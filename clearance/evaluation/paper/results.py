@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,14 +12,13 @@ from clearance.evaluation.paper.tables import comparisons, perturbed, table
 from clearance.evaluation.paper.trainings import (
     Finished,
     Training,
-    finished_trainings,
+    known_trainings,
     reductions,
     trainings_of,
 )
-from clearance.models.run_folder import METRICS
 from clearance.whole_files import write_atomically, write_json
 
-RUNS = "study.json"  # every training behind the tables, beside the pictures
+RECORD = "study.json"  # every training behind the tables, beside the pictures
 
 
 class Drawing(Protocol):
@@ -73,22 +71,24 @@ def write_results(runs: Path, report: Path, pictures: Path, figures: Mapping[str
     Args:
         runs: folder of finished trainings of one scale.
         report: Markdown file.
-        pictures: folder for pictures and ``study.json``.
-        figures: by name.
+        pictures: folder for pictures and ``study.json``, the record of every training: those of other
+            machines, which only it knows, stay in the report.
+        figures: by name; one that needs weights which are on another machine stays as it was drawn there.
 
     Raises:
         InputError: two trainings differ in scale alone.
     """
-    found = {one.training: one for one in finished_trainings(runs)}
+    found = {one.training: one for one in known_trainings(runs, pictures / RECORD)}
     report.parent.mkdir(parents=True, exist_ok=True)
     pictures.mkdir(parents=True, exist_ok=True)
     drawn = {}
     for name, drawing in figures.items():
-        figure = drawing.draw(found)
+        path, figure = pictures / f"{name}.png", drawing.draw(found)
         if figure is not None:
-            write_atomically(pictures / f"{name}.png", figure.savefig)
-            drawn[name] = pictures / f"{name}.png"
-    write_json(pictures / RUNS, [_row(one) for one in found.values()])
+            write_atomically(path, figure.savefig)
+        if path.exists():
+            drawn[name] = path
+    write_json(pictures / RECORD, [found[key].row for key in sorted(found)])
     text = results(found, {name: _link(path, report.parent) for name, path in drawn.items()})
     write_atomically(report, lambda file: file.write_text(text, encoding="utf-8"))
 
@@ -131,7 +131,7 @@ def _scale(runs: Sequence[Finished], what: str) -> str:
     """What was reduced, on what hardware, with which seeds, when."""
     different = reductions(runs)
     hardware = sorted({_hardware(run) for run in runs})
-    begin, end = (_date(pick(_time(run) for run in runs)) for pick in (min, max))
+    begin, end = (pick(run.date for run in runs) for pick in (min, max))
     lines = [f"**Scale: {'reduced' if different else 'as in the paper'}.**"]
     if different:
         lines.append(f"{what} is of trainings that differ from the paper's in:\n")
@@ -148,7 +148,7 @@ def _scale(runs: Sequence[Finished], what: str) -> str:
             *lines, "",
             f"{len(runs)} trainings, {begin} to {end}, on {'; '.join(hardware)}. Seeds of the splits: "
             f"{_listed(splits)}; of the initial weights: {_listed(seeds)}; of the simulated recordings: "
-            f"{_listed(sorted({run.config['data_seed'] for run in runs}))}.\n",
+            f"{_listed(sorted({run.data_seed for run in runs}))}.\n",
         ]
     )  # fmt: skip
 
@@ -156,7 +156,7 @@ def _scale(runs: Sequence[Finished], what: str) -> str:
 def _short_scale(runs: Sequence[Finished]) -> str:
     recordings = _listed(sorted({run.metrics["data"]["recordings"] for run in runs}))
     scale = "Reduced scale" if reductions(runs) else "Full scale"
-    days = " to ".join(dict.fromkeys(_date(pick(_time(run) for run in runs)) for pick in (min, max)))
+    days = " to ".join(dict.fromkeys(pick(run.date for run in runs) for pick in (min, max)))
     splits = _listed(sorted({run.metrics["split_seed"] for run in runs}))
     hardware = _listed(sorted({_hardware(run) for run in runs}))
     return f"{scale}: {recordings} recordings, splits {splits}; {hardware}; {days}"
@@ -169,26 +169,8 @@ def _hardware(run: Finished) -> str:
     return f"{environment['gpu'] or processor} ({torch})"
 
 
-def _time(run: Finished) -> float:
-    return (run.path / METRICS).stat().st_mtime
-
-
-def _date(seconds: float) -> str:
-    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d")
-
-
 def _listed(values: Sequence[Any]) -> str:
     return ", ".join(map(str, values))
-
-
-def _row(run: Finished) -> dict[str, Any]:
-    training = run.training
-    keys = ("validation", "test", "training_seconds", "evaluation_seconds", "parameters", "environment")
-    return {
-        **training.setting._asdict(), "split_seed": training.split_seed, "seed": training.seed,
-        "date": _date(_time(run)), "recordings": run.metrics["data"]["recordings"],
-        **{key: run.metrics[key] for key in keys},
-    }  # fmt: skip
 
 
 def _link(path: Path, start: Path) -> str:

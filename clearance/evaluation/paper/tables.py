@@ -1,13 +1,12 @@
 """The paper's tables: what was measured, and under it what the paper reports."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 from clearance.evaluation.paper.estimates import NAMES
-from clearance.evaluation.paper.perturbation import PERTURBED
 from clearance.evaluation.paper.statistics import (
     SIGNIFICANCE,
     Comparison,
@@ -17,7 +16,7 @@ from clearance.evaluation.paper.statistics import (
     summarise,
 )
 from clearance.evaluation.paper.trainings import Finished, Setting, Training
-from clearance.whole_files import read_json, read_yaml
+from clearance.whole_files import read_yaml
 
 _COLUMNS: dict[str, tuple[str, Callable[[Mapping[str, Any]], float]]] = {
     "nmae": ("NMAE [%]", lambda metrics: metrics["test"]["nmae"]),
@@ -93,7 +92,7 @@ def comparisons(experiment: str, planned: Sequence[Training], found: Mapping[Tra
                 {(t.split_seed, t.seed): value(found[t].metrics) for t in tested if t.setting == setting}
                 for setting in (one, other)
             ]
-            compared = compare(values[0], values[1], _test_to_training(found.values()))
+            compared = compare(values[0], values[1], next(iter(found.values())).test_to_training)
             if compared:
                 names = (row_name(experiment, setting) for setting in (one, other))
                 pairs.append((" - ".join(names), head, compared))
@@ -122,8 +121,8 @@ def perturbed(planned: Sequence[Training], found: Mapping[Training, Finished]) -
     rows: Rows = []
     for setting in dict.fromkeys(one.setting for one in planned):
         runs = [found[t] for t in planned if t.setting == setting and t in found]
-        runs = [run for run in runs if (run.path / PERTURBED).exists()]
-        contents = [read_json(run.path / PERTURBED, "runs")["perturbations"] for run in runs]
+        runs = [run for run in runs if run.perturbed]
+        contents = [run.perturbed for run in runs if run.perturbed]
         if not runs:
             continue
         rows_of: dict[str, list[Mapping[str, float]]] = {"base": [run.metrics["test"] for run in runs]}
@@ -142,12 +141,6 @@ def perturbed(planned: Sequence[Training], found: Mapping[Training, Finished]) -
 
 def _error(metrics: Mapping[str, float], key: str) -> float:
     return metrics[key] * (1e6 if key in ("median_ae", "p95_ae") else 1.0)
-
-
-def _test_to_training(found: Iterable[Finished]) -> float:
-    """Of the splits' shares: 0.15 / 0.70 in the paper."""
-    split = next(iter(found)).config["data"]["split"]
-    return (1.0 - split["train"] - split["validation"]) / split["train"]
 
 
 def markdown(heads: Sequence[str], rows: Rows) -> str:

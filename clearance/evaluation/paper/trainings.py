@@ -1,7 +1,12 @@
-"""Which trainings a table consists of, which of them are finished, and how they differ from the paper's."""
+"""Which trainings a table consists of, which of them are finished, and how they differ from the paper's.
+
+A finished training is found by its folder, or by its row in the record of all that were ever reported:
+folders with weights may stay on the machine that trained them, the record goes with the project.
+"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -13,6 +18,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from clearance.configuration import CONFIGURATION
 from clearance.errors import InputError
+from clearance.evaluation.paper.perturbation import PERTURBED
 from clearance.models.run_folder import CONFIG, METRICS
 from clearance.whole_files import read_json, read_yaml
 
@@ -46,12 +52,75 @@ class Training(NamedTuple):
 
 @dataclass(frozen=True)
 class Finished:
-    """A training whose last file is there."""
+    """A training whose last file is there, or whose row is in the record.
+
+    Attributes:
+        training: which one.
+        metrics: what it left: errors, times, environment, seeds.
+        reduced: settings that are not the paper's: key to value and the paper's value.
+        data_seed: of the simulated recordings.
+        test_to_training: recordings of the one for each of the other.
+        date: of its last file.
+        perturbed: errors by perturbation of Table 7, where they were measured.
+        path: its folder; ``None``: another machine has it.
+        config: it was made from; empty without a folder.
+    """
 
     training: Training
-    path: Path
-    config: Mapping[str, Any]
     metrics: Mapping[str, Any]
+    reduced: Mapping[str, tuple[str, str]]
+    data_seed: int
+    test_to_training: float
+    date: str
+    perturbed: Mapping[str, Mapping[str, float]] | None = None
+    path: Path | None = None
+    config: Mapping[str, Any] = field(default_factory=dict)
+
+    @staticmethod
+    def of(path: Path) -> "Finished":
+        """The training in a folder.
+
+        Raises:
+            InputError: there is none.
+        """
+        config = read_yaml(path / CONFIG) or {}
+        training, split = _identify(config, path), config["data"]["split"]
+        own = path / PERTURBED
+        return Finished(
+            training, read_json(path / METRICS), _reduced(config, training.setting), config["data_seed"],
+            (1.0 - split["train"] - split["validation"]) / split["train"],
+            datetime.fromtimestamp((path / METRICS).stat().st_mtime, UTC).strftime("%Y-%m-%d"),
+            read_json(own, "runs")["perturbations"] if own.exists() else None, path, config,
+        )  # fmt: skip
+
+    @staticmethod
+    def of_row(row: Mapping[str, Any]) -> "Finished":
+        """The training of a row of the record."""
+        setting = Setting(row["model"], row["sensors"], row["joint"], row["decimation"])
+        training = Training(setting, row["split_seed"], row["seed"])
+        metrics = {**row, "data": {"recordings": row["recordings"]}}
+        reduced = {key: (own, paper) for key, (own, paper) in row["reduced"].items()}
+        return Finished(
+            training,
+            metrics,
+            reduced,
+            row["data_seed"],
+            row["test_to_training"],
+            row["date"],
+            row["perturbed"],
+        )
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """For the record."""
+        keys = ("validation", "test", "training_seconds", "evaluation_seconds", "parameters", "environment")
+        setting, split_seed, seed = self.training
+        return {
+            **setting._asdict(), "split_seed": split_seed, "seed": seed, "date": self.date,
+            "recordings": self.metrics["data"]["recordings"], "data_seed": self.data_seed,
+            "test_to_training": self.test_to_training, "reduced": dict(self.reduced),
+            **{key: self.metrics[key] for key in keys}, "perturbed": self.perturbed,
+        }  # fmt: skip
 
 
 @cache
@@ -80,8 +149,7 @@ def finished_trainings(folder: Path) -> list[Finished]:
     """
     found: dict[Training, Finished] = {}
     for path in sorted(folder.rglob(METRICS)):
-        config = read_yaml(path.parent / CONFIG) or {}
-        one = Finished(_identify(config, path.parent), path.parent, config, read_json(path))
+        one = Finished.of(path.parent)
         if one.training in found:
             raise InputError(
                 f"runs = {folder}: {found[one.training].path} and {one.path} are the same training at "
@@ -89,6 +157,36 @@ def finished_trainings(folder: Path) -> list[Finished]:
             )
         found[one.training] = one
     return list(found.values())
+
+
+def recorded_trainings(record: Path) -> list[Finished]:
+    """All trainings of a record, which need not be there."""
+    return [Finished.of_row(row) for row in read_json(record, "pictures")] if record.exists() else []
+
+
+def known_trainings(folder: Path, record: Path) -> list[Finished]:
+    """All trainings below ``folder``, and those of the record that are not there.
+
+    Raises:
+        InputError: folder or record hold different scales.
+    """
+    found = {one.training: one for one in recorded_trainings(record)}
+    found |= {one.training: one for one in finished_trainings(folder)}
+    scales: dict[str, Finished] = {}
+    for one in found.values():
+        first = scales.setdefault(one.training.setting.model, one)
+        if dict(first.reduced) != dict(one.reduced):
+            where = " and ".join(str(run.path or record) for run in (first, one))
+            raise InputError(
+                f"trainings of {one.training.setting.model} at different scales: {where}; set pictures and "
+                "report to others, or runs to a folder with one scale"
+            )
+    return list(found.values())
+
+
+def reduction(setting: Setting, *overrides: str) -> dict[str, tuple[str, str]]:
+    """What would not be the paper's of a training with these overrides: key to value and the paper's."""
+    return _reduced(_resolved("experiment=paper", *setting.overrides, *overrides), setting)
 
 
 def reductions(found: Sequence[Finished]) -> dict[tuple[str, str, str], set[str]]:
@@ -99,11 +197,8 @@ def reductions(found: Sequence[Finished]) -> dict[tuple[str, str, str], set[str]
     """
     different: dict[tuple[str, str, str], set[str]] = {}
     for one in found:
-        paper, own = _paper_scale(one.training.setting), _scale(one.config)
-        for key in sorted({*paper, *own}):
-            if paper.get(key) != own.get(key):
-                values = (key, _short(own.get(key)), _short(paper.get(key)))
-                different.setdefault(values, set()).add(one.training.setting.model)
+        for key, (own, paper) in one.reduced.items():
+            different.setdefault((key, own, paper), set()).add(one.training.setting.model)
     return different
 
 
@@ -122,12 +217,23 @@ def _identify(config: Mapping[str, Any], folder: Path) -> Training:
 
 @cache
 def _paper_scale(setting: Setting) -> dict[str, Any]:
+    return _scale(_resolved("experiment=paper", *setting.overrides))
+
+
+def _resolved(*overrides: str) -> Any:
     # Name and folder would ask Hydra about this job.
-    cfg = _composed("experiment=paper", *setting.overrides, "name=paper", "folder=paper")
-    config: Any = OmegaConf.to_container(
-        OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"]), resolve=True
-    )
-    return _scale(config)
+    cfg = _composed(*overrides, "name=paper", "folder=paper")
+    kept = OmegaConf.masked_copy(cfg, [str(key) for key in cfg if key != "hydra"])
+    return OmegaConf.to_container(kept, resolve=True)
+
+
+def _reduced(config: Mapping[str, Any], setting: Setting) -> dict[str, tuple[str, str]]:
+    paper, own = _paper_scale(setting), _scale(config)
+    return {
+        key: (_short(own.get(key)), _short(paper.get(key)))
+        for key in sorted({*paper, *own})
+        if paper.get(key) != own.get(key)
+    }
 
 
 def _scale(config: Mapping[str, Any]) -> dict[str, Any]:
