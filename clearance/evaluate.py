@@ -11,12 +11,13 @@ from omegaconf import DictConfig
 from clearance.benchmark import report
 from clearance.commands import command
 from clearance.errors import InputError
+from clearance.evaluation.curves import EXPERIMENTS
 from clearance.evaluation.fresh import FRESH, evaluate_fresh, read_fresh
 from clearance.evaluation.overview import overview
 from clearance.evaluation.paper.perturbation import PERTURBED, Perturbation, TrainingData, evaluate_perturbed
 from clearance.evaluation.paper.results import write_results
 from clearance.evaluation.paper.trainings import finished_trainings, trainings_of
-from clearance.evaluation.results import collect, markdown, put_between_marks
+from clearance.evaluation.results import collect, markdown, put_between_marks, with_recorded
 from clearance.models.run_folder import CONFIG, METRICS
 from clearance.models.trusted import instantiate_trusted
 from clearance.predict import load_gauge
@@ -42,7 +43,9 @@ def main(cfg: DictConfig) -> None:
     if cfg.perturbed:
         measure_perturbed(runs, perturbations, cfg.perturbed)
     if cfg.report is not None:
-        write_results(runs, Path(cfg.report), Path(cfg.pictures), figures)
+        trainings = Path(cfg.trainings)
+        rows = read_json(trainings, "trainings") if trainings.exists() else []
+        write_results(runs, Path(cfg.report), Path(cfg.pictures), figures, rows)
         log.info("written to %s, with pictures in %s", cfg.report, cfg.pictures)
         return
     rows = collect(runs)
@@ -51,13 +54,14 @@ def main(cfg: DictConfig) -> None:
         return
     results = Path(cfg.results)
     results.mkdir(parents=True, exist_ok=True)
+    rows = with_recorded(rows, results / "trainings.json")
     write_json(results / "trainings.json", rows)
     if cfg.picture:
         fresh = read_json(Path(cfg.picture) / FRESH, "picture")
         name = (read_yaml(Path(cfg.picture) / CONFIG) or {}).get("name", "")
         figure = overview(fresh, name)
         write_atomically(results / "overview.png", lambda file: figure.savefig(file, dpi=110))
-    blocks = {"results": markdown(rows)}
+    blocks = {"results": markdown([row for row in rows if row["experiment"] not in EXPERIMENTS])}
     if Path(cfg.bench).exists():
         bench = read_json(Path(cfg.bench), "bench")
         write_json(results / "bench.json", bench)

@@ -24,6 +24,22 @@ def collect(folder: Path) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: (row["experiment"], row["test"]["nmae"]))
 
 
+def with_recorded(rows: Sequence[dict[str, Any]], record: Path) -> list[dict[str, Any]]:
+    """The rows, and those of a record whose trainings are on another machine.
+
+    Args:
+        rows: of ``collect``.
+        record: file of rows; need not be there.
+    """
+    found = {_key(row): row for row in read_json(record, "results")} if record.exists() else {}
+    found |= {_key(row): row for row in rows}
+    return sorted(found.values(), key=lambda row: (row["experiment"], row["test"]["nmae"]))
+
+
+def _key(row: dict[str, Any]) -> tuple[Any, ...]:
+    return tuple(row[key] for key in ("experiment", "name", "recordings", "window", "seed", "split_seed"))
+
+
 def _row(run: Path) -> dict[str, Any]:
     metrics, config = read_json(run / METRICS), read_yaml(run / CONFIG) or {}
     fresh = [one["summary"] for one in read_fresh(run)]
@@ -31,6 +47,7 @@ def _row(run: Path) -> dict[str, Any]:
         "name": config.get("name", run.name),
         "experiment": run.parent.name,
         "recordings": metrics["data"]["recordings"],
+        "window": config["windows"]["length"],
         "parameters": metrics["parameters"],
         "seed": metrics["seed"],
         "split_seed": metrics["split_seed"],

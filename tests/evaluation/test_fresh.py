@@ -74,7 +74,7 @@ def finished(folder, name, nmae):
         "environment": {}, "validation": scores, "test": scores,
     }  # fmt: skip
     (folder / "metrics.json").write_text(json.dumps(metrics))
-    (folder / "config.yaml").write_text(f"name: {name}\n")
+    (folder / "config.yaml").write_text(f"name: {name}\nwindows: {{length: 200}}\n")
 
 
 def test_the_table_is_made_from_the_runs_files(tmp_path):

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 from matplotlib.figure import Figure
 
+from clearance.evaluation import curves
 from clearance.evaluation.paper.estimates import NAMES
 from clearance.evaluation.paper.tables import comparisons, perturbed, table
 from clearance.evaluation.paper.trainings import (
@@ -18,6 +19,7 @@ from clearance.evaluation.paper.trainings import (
 )
 from clearance.whole_files import write_atomically, write_json
 
+_CURVES = "curves"
 RECORD = "study.json"  # every training behind the tables, beside the pictures
 
 
@@ -65,7 +67,13 @@ table.
 """
 
 
-def write_results(runs: Path, report: Path, pictures: Path, figures: Mapping[str, Drawing]) -> None:
+def write_results(
+    runs: Path,
+    report: Path,
+    pictures: Path,
+    figures: Mapping[str, Drawing],
+    beyond: Sequence[curves.Row] = (),
+) -> None:
     """Write the report, its pictures and the numbers of every training behind it.
 
     Args:
@@ -74,6 +82,7 @@ def write_results(runs: Path, report: Path, pictures: Path, figures: Mapping[str
         pictures: folder for pictures and ``study.json``, the record of every training: those of other
             machines, which only it knows, stay in the report.
         figures: by name; one that needs weights which are on another machine stays as it was drawn there.
+        beyond: rows of trainings for the curves that the paper has not.
 
     Raises:
         InputError: two trainings differ in scale alone.
@@ -90,6 +99,20 @@ def write_results(runs: Path, report: Path, pictures: Path, figures: Mapping[str
             drawn[name] = path
     write_json(pictures / RECORD, [found[key].row for key in sorted(found)])
     text = results(found, {name: _link(path, report.parent) for name, path in drawn.items()})
+    curve = curves.draw(beyond)
+    if curve is not None:
+        path = pictures / f"{_CURVES}.png"
+        write_atomically(path, curve.savefig)
+        title = "NMAE over the number of simulated runs and over the length of a window"
+        picture = f"![{title}]({_link(path, report.parent)})"
+        text = "\n".join(
+            [
+                text,
+                "## Beyond the paper: more runs, longer windows\n",
+                curves.markdown(beyond),
+                f"{picture}\n",
+            ]
+        )
     write_atomically(report, lambda file: file.write_text(text, encoding="utf-8"))
 
 

@@ -1,0 +1,62 @@
+"""Curves beside the paper's tables, and rows of trainings that are on another machine."""
+
+import json
+
+import pytest
+
+from clearance.evaluation import curves
+from clearance.evaluation.paper.results import write_results
+from clearance.evaluation.results import with_recorded
+
+
+def row(experiment, recordings, nmae, window=200, name="tcn on rod, joint C"):
+    errors = {"nmae": nmae, "nrmse": 2 * nmae, "p95_ae": nmae * 3e-5, "recording_nmae": nmae / 4}
+    return {
+        "experiment": experiment, "name": name, "recordings": recordings, "window": window, "seed": 42,
+        "split_seed": 42, "test": errors, "training_seconds": 60.0,
+        "environment": {"processor": "P", "threads": 2, "gpu": None},
+    }  # fmt: skip
+
+
+ROWS = [
+    row("best", 1000, 0.31), row("quick", 300, 0.73), row("by_runs", 100, 1.6), row("by_runs", 300, 0.7),
+    row("by_window", 300, 2.0, 50), row("quick", 300, 0.81, name="lstm on rod, joint C"),
+]  # fmt: skip
+
+
+def test_a_curve_takes_trainings_of_the_same_recipe_from_wherever_they_are():
+    assert [(one["recordings"], one["test"]["nmae"]) for one in curves.by_runs(ROWS)] == [
+        (100, 1.6), (300, 0.7), (1000, 0.31),
+    ]  # fmt: skip
+    assert [(one["window"], one["test"]["nmae"]) for one in curves.by_window(ROWS)] == [
+        (50, 2.0),
+        (200, 0.73),
+    ]
+
+
+def test_tables_and_picture_are_in_the_report(tmp_path):
+    write_results(tmp_path / "none", tmp_path / "R.md", tmp_path / "pictures", {}, ROWS)
+    text = (tmp_path / "R.md").read_text()
+    assert "| 100 | 1.60 % | 3.20 % | 48.0 µm | 0.400 % | 1.0 min |" in text
+    assert "| 50 | 2.00 % |" in text
+    assert "P, 2 threads" in text
+    assert "](pictures/curves.png)" in text
+    assert (tmp_path / "pictures/curves.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("rows", [[], ROWS[:1]])
+def test_one_point_is_no_curve(tmp_path, rows):
+    write_results(tmp_path / "none", tmp_path / "R.md", tmp_path / "pictures", {}, rows)
+    assert "Beyond the paper" not in (tmp_path / "R.md").read_text()
+
+
+def test_rows_of_other_machines_stay_and_a_training_repeated_here_counts(tmp_path):
+    record = tmp_path / "trainings.json"
+    assert with_recorded(ROWS[:1], record) == ROWS[:1]
+    record.write_text(json.dumps(ROWS))
+    again = [row("quick", 300, 0.6)]
+    merged = with_recorded(again, record)
+    assert len(merged) == len(ROWS)
+    assert again[0] in merged
+    assert ROWS[1] not in merged
+    assert [one["experiment"] for one in merged] == sorted(one["experiment"] for one in ROWS)
