@@ -38,6 +38,7 @@ TITLES = {
     "table7": "Table 7: other contacts, and noise",
     "table8": "Table 8: networks at joint B",
     "table9": "Table 9: sets of sensors",
+    "placement": "Sets of four by the information they hold (beyond the paper; docs/placement.md)",
     "decimation": "The decimation factor (Section 4.2; the paper gives no numbers)",
 }
 _COMPARED = (

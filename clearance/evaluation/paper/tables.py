@@ -65,8 +65,8 @@ def table(experiment: str, planned: Sequence[Training], found: Mapping[Training,
 def row_name(experiment: str, setting: Setting) -> str:
     """What tells a row of this table from its others."""
     name = NAMES.get(setting.model, setting.model)
-    if experiment == "table9":
-        return f"{_SETS[setting.sensors]}, {name}"
+    if experiment in ("table9", "placement"):
+        return f"{_SETS.get(setting.sensors) or f'4: {setting.sensors}'}, {name}"
     return f"every {setting.decimation}th sample" if experiment == "decimation" else name
 
 
