@@ -67,18 +67,30 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
     fitted.
     """
     withdrawn: list[str] = []
+    followed: dict[int, Attempt] = {}  # on recordings without a clock, where every round asks the same
     while True:
         best, nominal, joint = explanation.best, explanation.nominal, search.setting.joint
         own = [_clocked(one, search, best) for one in held_out]
-        after = _held_out(own, search, best)
+        timed = any(one.period > 0.0 for one in own)
+
+        def beside(
+            attempt: Attempt, other: Attempt | None = None, own: list[Measured] = own, timed: bool = timed
+        ) -> Attempt:
+            if timed:
+                return _held_out(own, search, attempt, other)
+            if id(attempt) not in followed:
+                followed[id(attempt)] = _held_out(own, search, attempt, other)
+            return followed[id(attempt)]
+
+        after = beside(best)
         errors_after = innovations(after, joint)
         if best is nominal:
             return Judged(own, after, after, errors_after, errors_after, withdrawn)
-        before = _held_out(own, search, nominal, after)
+        before = beside(nominal, after)
         errors_before = innovations(before, joint, after)
         enough = None
         if best is not explanation.shown:
-            others = ((part, _held_out(own, search, part, after)) for part in explanation.parts(best))
+            others = ((part, beside(part, after)) for part in explanation.parts(best))
             for one, alone in [(nominal, before), *others]:
                 errors = innovations(alone, joint, after)
                 if explained(alone) and root_mean_square(errors) <= root_mean_square(errors_after):
@@ -91,7 +103,8 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
         needed = {h.label for h in enough.hypotheses}
         for attempt in explanation.standing[1:]:
             more = needed < {h.label for h in attempt.hypotheses} if needed else attempt is best
-            attempt.withdrawn |= more
+            # there is no time to judge others, and what is not judged is not asserted
+            attempt.withdrawn |= more or (search.late() and attempt is not enough)
         ask(search, explanation)
 
 

@@ -56,7 +56,7 @@ def test_what_the_nominal_machine_explains_as_well_on_held_out_recordings_is_wit
     monkeypatch.setattr(judging, "_held_out", lambda held_out, search, one, beside=None: one)
     monkeypatch.setattr(judging, "ask", lambda *_: None)
     monkeypatch.setattr(judging, "innovations", innovations)
-    search = SimpleNamespace(report=lambda _: None, setting=SimpleNamespace(joint="C"))
+    search = SimpleNamespace(report=lambda _: None, setting=SimpleNamespace(joint="C"), late=lambda: False)
     for one in (found, machine):
         for hypothesis in one.hypotheses:
             hypothesis.label = hypothesis.name
@@ -84,10 +84,37 @@ def test_a_second_effect_that_held_out_recordings_do_not_need_is_withdrawn(monke
     monkeypatch.setattr(judging, "_held_out", lambda held_out, search, one, beside=None: one)
     monkeypatch.setattr(judging, "ask", lambda *_: None)
     monkeypatch.setattr(judging, "innovations", innovations)
-    search = SimpleNamespace(report=lambda _: None, setting=SimpleNamespace(joint="C"))
+    search = SimpleNamespace(report=lambda _: None, setting=SimpleNamespace(joint="C"), late=lambda: False)
     explanation = Explanation(nominal, [one, pair, other])
     judged = judge([], search, explanation)
     assert [h.name for h in judged.after.hypotheses] == expected
     assert explanation.best is judged.after
     assert other.withdrawn == (len(expected) == 1)
     assert judged.withdrawn == ([] if len(expected) == 2 else ["gravity + restitution"])
+
+
+@pytest.mark.parametrize(("late", "expected"), [(False, ["gravity", "restitution"]), (True, ["gravity"])])
+def test_held_out_recordings_are_followed_once_a_machine_and_no_other_is_judged_when_time_is_over(
+    monkeypatch, late, expected
+):
+    nominal, one, other = attempt([], 1.3), attempt(["gravity"], 1.0), attempt(["restitution"], 1.01)
+    for each in (nominal, one, other):
+        each.label = " + ".join(h.name for h in each.hypotheses) or "nominal"
+        for hypothesis in each.hypotheses:
+            hypothesis.label = hypothesis.name
+    followed = []
+
+    def follow(held_out, search, one, beside=None):
+        followed.append(one.label)
+        return one
+
+    flat = np.zeros(100)
+    same = Innovations(np.ones((100, 2)), flat, flat > 0, flat > 0, ("a", "b"), 1e4)
+    monkeypatch.setattr(judging, "_held_out", follow)
+    monkeypatch.setattr(judging, "ask", lambda *_: None)
+    monkeypatch.setattr(judging, "innovations", lambda *_: [same])
+    search = SimpleNamespace(report=lambda _: None, setting=SimpleNamespace(joint="C"), late=lambda: late)
+    judged = judge([], search, Explanation(nominal, [one, other]))
+    assert judged.after is nominal
+    assert judged.withdrawn == expected
+    assert followed == ["gravity", "nominal", *expected[1:]]
