@@ -1,6 +1,6 @@
 """Follow what was held out where a first try lost it: from the fitted stretch on, or from other places."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -49,7 +49,9 @@ def go_on(attempt: Attempt, traces: Sequence[Trace], model: Model, workers: int)
         return _together(list(pool.map(one, pairs)), model, workers)
 
 
-def follow_again(found: Attempt, traces: Sequence[Trace], model: Model, workers: int) -> Attempt:
+def follow_again(
+    found: Attempt, traces: Sequence[Trace], model: Model, workers: int, late: Callable[[], bool]
+) -> Attempt:
     """Follow recordings that were lost from other places, where their path is sure too.
 
     Near chaos a machine that is right is lost at one impact and not at another.
@@ -59,6 +61,7 @@ def follow_again(found: Attempt, traces: Sequence[Trace], model: Model, workers:
         traces: of the recordings.
         model: of a machine that explains others, its speed unknown.
         workers: threads.
+        late: whether the time is over: one other place is then enough.
     """
 
     def one(r: int) -> Followed:
@@ -70,7 +73,7 @@ def follow_again(found: Attempt, traces: Sequence[Trace], model: Model, workers:
             other = grow(start, model, row, patient=True)
             assert other is not None  # without a limit none is given up
             best = other if other[2] < best[2] else best
-            if best[2] < EXPLAINED:
+            if best[2] < EXPLAINED or late():
                 break
         return best
 

@@ -159,7 +159,7 @@ def _held_out(
                 other = go_on(attempt, traces, only_speed, search.workers)
                 found = other if other is not None and other.misfit < found.misfit else found
             if right and not explained(found):
-                found = follow_again(found, traces, only_speed, search.workers)
+                found = follow_again(found, traces, only_speed, search.workers, search.late)
     values = found.fit.values
     found.fit.values = np.concatenate(
         [np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1

@@ -60,11 +60,21 @@ def test_another_recording_is_not_gone_on_to():
 
 
 @pytest.mark.parametrize(
-    ("misfits", "tried"),
-    [([1.0, 40.0, 1.0], [40.0, 7.0, 1.1]), ([1.0, 1.2, 1.0], []), ([1.0, 0.9, 40.0], [])],
+    ("misfits", "late", "tried"),
+    [
+        ([1.0, 40.0, 1.0], False, [40.0, 7.0, 1.1]),
+        ([1.0, 40.0, 1.0], True, [7.0]),
+        ([1.0, 1.2, 1.0], False, []),
+        ([1.0, 0.9, 40.0], False, []),
+    ],
 )
-def test_only_what_was_lost_is_followed_from_other_places_until_one_follows(monkeypatch, misfits, tried):
-    asked, ends = [], iter([40.0, 7.0, 1.1, 1.0])
+def test_only_what_was_lost_is_followed_from_other_places_until_one_follows(
+    monkeypatch, misfits, late, tried
+):
+    asked, ends = [], iter([7.0] if late else [40.0, 7.0, 1.1, 1.0])
+
+    def again():
+        return follow_again(lost, [None] * 3, SimpleNamespace(held=lambda row: row), 1, lambda: late)
 
     def grow(start, model, row, patient):
         asked.append(next(ends))
@@ -81,10 +91,10 @@ def test_only_what_was_lost_is_followed_from_other_places_until_one_follows(monk
     lost = SimpleNamespace(misfit=np.mean(misfits), misfits=misfits, followers=["x", "y", "z"], fit=values)
     if misfits[2] > 1.35:  # no place is better
         ends = iter([50.0] * 4)
-        assert follow_again(lost, [None] * 3, SimpleNamespace(held=lambda row: row), 1) is lost
+        assert again() is lost
         return
-    found = follow_again(lost, [None] * 3, SimpleNamespace(held=lambda row: row), 1)
+    found = again()
     assert asked == tried
     assert (found is lost) == (not tried)
     if tried:
-        assert found.followers == ["x", "c", "z"]
+        assert found.followers == ["x", "a" if late else "c", "z"]
