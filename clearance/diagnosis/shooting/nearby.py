@@ -15,6 +15,7 @@ from clearance.diagnosis.shooting.fit import (
     assemble,
     compare,
     flatten,
+    same_coordinates,
     solve,
     solve_bounded,
     spread,
@@ -56,7 +57,7 @@ def settle_nearby(
         follower.move(one.change(change), one.chart)
     seen = compare(followers, model, values, workers)
     cost = sum(c.cost for c in seen)
-    for _ in range(_STEPS):
+    for _ in range(_STEPS if same_coordinates(passes, seen) else 0):
         chords = [f.beside(one, c) for f, one, c in zip(followers, passes, seen, strict=True)]
         solve(chords, [unsteady(len(c.local)) for c in seen], workers, judged=False)
         information, score = assemble(chords, model, base.values)
@@ -68,7 +69,7 @@ def settle_nearby(
             follower.move(one.change(own), one.chart)
         other = compare(followers, model, values + change, workers)
         fall = cost - sum(c.cost for c in other)
-        if not fall > 0.0:
+        if not fall > 0.0 or not same_coordinates(passes, other):
             for follower, path in zip(followers, paths, strict=True):
                 follower.path = path
             break

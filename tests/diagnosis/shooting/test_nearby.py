@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clearance.diagnosis.shooting.fit import compare, fit, observe, settle, solve, unsteady
+from clearance.diagnosis.shooting.fit import compare, fit, observe, same_coordinates, settle, solve, unsteady
 from clearance.diagnosis.shooting.nearby import settle_nearby
 from tests.diagnosis.shooting.test_follow import MODEL, TRUTH, follower
 
@@ -61,3 +61,12 @@ def test_a_parameter_that_is_held_aside_costs_as_much_as_a_fit_beside_it_does(re
     fitted = settle([full], MODEL.only([1], begin[0]), begin[:, [1]], 10, 1e-9, 1)
     assert 0.5 * 25.0 < reached.cost - found.cost < 2.0 * 25.0
     assert reached.cost < fitted.cost + 5.0
+
+
+def test_derivatives_do_not_serve_a_machine_with_other_coordinates(rest):
+    one, found = rest
+    passes = linearised(one, found.values)
+    own = one.part(0, one.segments)
+    ideal = compare([own], MODEL.held(np.array([0.0, found.values[0, 1]])), np.zeros((1, 0)), 1)
+    assert not same_coordinates(passes, ideal)
+    assert same_coordinates(passes, compare([own], MODEL, found.values, 1))
