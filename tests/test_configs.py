@@ -66,8 +66,6 @@ def overrides_for(group, option):
     if group.startswith("recipe/"):
         top = "scale" if (CONFIGURATION / f"scale/{group.split('/')[1]}.yaml").exists() else "experiment"
         return [f"{top}={group.split('/')[1]}", f"model={option}"]
-    if group.startswith("sensors/"):  # a folder of options, no group of its own
-        return [f"sensors={group.split('/')[1]}/{option}"]
     return [f"{group}={option}", *PATH.get(option, [])]
 
 
@@ -85,8 +83,7 @@ def test_a_command_composes(command):
 
 
 def test_every_group_is_selected_by_a_command():
-    groups = {group.split("/")[0] if group.startswith("sensors/") else group for group in GROUPS}
-    assert groups <= set.union(*(selected(command) for command in COMMANDS))
+    assert set(GROUPS) <= set.union(*(selected(command) for command in COMMANDS))
 
 
 @pytest.mark.parametrize(("group", "option"), OPTIONS, ids=[f"{group}={option}" for group, option in OPTIONS])

@@ -13,7 +13,7 @@ RANKING = Path(__file__).parents[1] / "docs/results/placement-C.json"
 def test_the_sets_are_the_first_five_of_the_ranking():
     with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
         chosen = [
-            list(compose("train", [f"sensors=placement/c{i}", "name=x", "folder=x"]).sensors.channels)
+            list(compose("train", [f"sensors=placement_c{i}", "name=x", "folder=x"]).sensors.channels)
             for i in range(1, 6)
         ]
     ranked = [one["channels"] for one in json.loads(RANKING.read_text())["ranking"]]

@@ -30,8 +30,17 @@ def with_recorded(rows: Sequence[dict[str, Any]], record: Path) -> list[dict[str
     Args:
         rows: of ``collect``.
         record: file of rows; need not be there.
+
+    Raises:
+        InputError: it holds others.
     """
-    found = {_key(row): row for row in read_json(record, "results")} if record.exists() else {}
+    try:
+        found = {_key(row): row for row in read_json(record, "results")} if record.exists() else {}
+    except (KeyError, TypeError):
+        raise InputError(
+            f"results = {record.parent}: {record.name} there holds no rows of trainings, or those of an "
+            "older version; move it away or set results to another folder"
+        ) from None
     found |= {_key(row): row for row in rows}
     return sorted(found.values(), key=lambda row: (row["experiment"], row["test"]["nmae"]))
 

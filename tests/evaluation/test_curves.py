@@ -4,8 +4,10 @@ import json
 
 import pytest
 
+from clearance.errors import InputError
 from clearance.evaluation import curves
 from clearance.evaluation.paper.results import write_results
+from clearance.evaluation.paper.trainings import recorded_trainings
 from clearance.evaluation.results import with_recorded
 
 
@@ -60,3 +62,14 @@ def test_rows_of_other_machines_stay_and_a_training_repeated_here_counts(tmp_pat
     assert again[0] in merged
     assert ROWS[1] not in merged
     assert [one["experiment"] for one in merged] == sorted(one["experiment"] for one in ROWS)
+
+
+@pytest.mark.parametrize("content", ['[{"name": "x"}]', "[1]", "{"])
+def test_a_file_that_is_no_record_is_named_and_kept(tmp_path, content):
+    (tmp_path / "trainings.json").write_text(content)
+    with pytest.raises(InputError, match=r"trainings\.json"):
+        with_recorded(ROWS, tmp_path / "trainings.json")
+    (tmp_path / "study.json").write_text(content)
+    with pytest.raises(InputError, match=r"study\.json"):
+        recorded_trainings(tmp_path / "study.json")
+    assert (tmp_path / "study.json").read_text() == content

@@ -19,6 +19,7 @@ from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
 from clearance.diagnosis.searching.rattling import fit_rattling
 from clearance.diagnosis.searching.search import PATIENCE, Search
 from clearance.diagnosis.sensing.measured import Measured
+from clearance.diagnosis.shooting.fit import Fit
 from clearance.diagnosis.shooting.follow import alike
 from clearance.diagnosis.shooting.model import Model, Unknown
 from clearance.mechanism.applied_force import NoForce, TabulatedForce
@@ -67,7 +68,7 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
     fitted.
     """
     withdrawn: list[str] = []
-    followed: dict[int, Attempt] = {}  # on recordings without a clock, where every round asks the same
+    followed: list[tuple[Fit, Attempt]] = []  # on recordings without a clock: every round asks the same
     while True:
         best, nominal, joint = explanation.best, explanation.nominal, search.setting.joint
         own = [_clocked(one, search, best) for one in held_out]
@@ -76,11 +77,11 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
         def beside(
             attempt: Attempt, other: Attempt | None = None, own: list[Measured] = own, timed: bool = timed
         ) -> Attempt:
-            if timed:
-                return _held_out(own, search, attempt, other)
-            if id(attempt) not in followed:
-                followed[id(attempt)] = _held_out(own, search, attempt, other)
-            return followed[id(attempt)]
+            for fit, known in () if timed else followed:
+                if fit is attempt.fit:  # the likelihood has not moved it since
+                    return known
+            followed.append((attempt.fit, _held_out(own, search, attempt, other)))
+            return followed[-1][1]
 
         after = beside(best)
         errors_after = innovations(after, joint)

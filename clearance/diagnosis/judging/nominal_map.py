@@ -20,12 +20,13 @@ from clearance.whole_files import write_json
 
 CLEARANCES = (5e-5, 1e-4, 2e-4, 3e-4, 5e-4, 8e-4)  # m
 SPEEDS = (500.0, 600.0, 700.0, 800.0, 900.0, 1000.0)  # rpm
+_SETS = ("all", "crank", "no_crank", "no_rod", "no_slider", "rod")  # options of sensors; the paper's Table 9
 _STORED = "nominal_map.json"
 _MACHINES = {"B": SliderCrank(joint_b=Joint(3e-4)), "C": SliderCrank(joint_c=Joint(3e-4))}
 
 
 def write_nominal_map(path: Path | None = None) -> None:
-    """Compute the maps of both joints, with every sensor set of ``conf/sensors``, in a few minutes.
+    """Compute the maps of both joints, with the paper's sets of sensors, in a few minutes.
 
     Args:
         path: of the file; ``None``: where ``nominal_map`` looks for it.
@@ -70,5 +71,5 @@ def _has(channels: Sequence[str], needed: Sequence[str]) -> bool:
 
 
 def _sensor_sets() -> list[SensorSet]:
-    files = sorted((CONFIGURATION / "sensors").glob("*.yaml"))
+    files = [CONFIGURATION / f"sensors/{name}.yaml" for name in _SETS]
     return [instantiate(OmegaConf.load(file), _convert_="all") for file in files]

@@ -9,6 +9,7 @@ import numpy as np
 
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.model import Model
+from clearance.diagnosis.shooting.normal_equations import assemble, flatten, solve_bounded, spread
 from clearance.diagnosis.shooting.stretch import Comparison, Pass, Path
 from clearance.errors import InputError
 
@@ -121,53 +122,6 @@ def solve(
         job[0].solve(job[1], judged)
 
     _in_parallel(one, list(zip(passes, damping, strict=True)), workers)
-
-
-def assemble(passes: Sequence[Pass], model: Model, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Information (P, P) and score (P,) of all parameters in their own units."""
-    shared, count = model.shared, len(model.unknowns)
-    own = count - shared
-    total = shared + own * len(passes)
-    information, score = np.zeros((total, total)), np.zeros(total)
-    for r, one in enumerate(passes):
-        places = [*range(shared), *range(shared + r * own, shared + (r + 1) * own)]
-        scale = 1.0 / np.array([model.step(values[r], i) for i in range(count)])
-        information[np.ix_(places, places)] += one.gram[:-1, :-1] * np.outer(scale, scale)
-        score[places] += one.gram[:-1, -1] * scale
-    return information, score
-
-
-def spread(change: np.ndarray, model: Model, recordings: int) -> np.ndarray:
-    """(recordings, unknowns) from a vector of all parameters; ``flatten`` goes back."""
-    shared, own = model.shared, len(model.unknowns) - model.shared
-    rows = [
-        np.concatenate([change[:shared], change[shared + r * own : shared + (r + 1) * own]])
-        for r in range(recordings)
-    ]
-    return np.array(rows)
-
-
-def solve_bounded(
-    information: np.ndarray, score: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> np.ndarray:
-    """Change that maximises the quadratic, parameters held inside [low, high] (active set)."""
-    count = len(score)
-    change, free = np.zeros(count), np.ones(count, dtype=bool)
-    for _ in range(count + 1):
-        index = np.flatnonzero(free)
-        if not len(index):
-            break
-        part = information[np.ix_(index, index)]
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(part), 1e-300))
-        right = score[index] - information[np.ix_(index, np.flatnonzero(~free))] @ change[~free]
-        scaled = part * np.outer(scale, scale) + 1e-10 * np.eye(len(index))
-        change[index] = scale * np.linalg.solve(scaled, scale * right)
-        outside = free & ((change < low) | (change > high))
-        if not outside.any():
-            break
-        change[outside] = np.clip(change[outside], low[outside], high[outside])
-        free &= ~outside
-    return change
 
 
 def fit(
@@ -404,9 +358,3 @@ class _Leash:
 _EXPECTED = 3.0  # times what the linearisation bears: standard deviation of an unknown from what is expected
 _RATIO = 0.3  # of its value that an unknown which counts by ratios changes in one step
 _REACH = 0.05  # of a parameter's value, where nothing else is said
-
-
-def flatten(rows: np.ndarray, model: Model) -> np.ndarray:
-    """(P,) of all parameters from (recordings, unknowns)."""
-    shared = model.shared
-    return np.concatenate([rows[0, :shared], rows[:, shared:].ravel()])

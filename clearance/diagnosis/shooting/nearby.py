@@ -10,18 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clearance.diagnosis.shooting.fit import (
-    Settled,
-    assemble,
-    compare,
-    flatten,
-    same_coordinates,
-    solve,
-    solve_bounded,
-    spread,
-    unsteady,
-)
+from clearance.diagnosis.shooting.fit import Settled, compare, same_coordinates, solve, unsteady
 from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.normal_equations import assemble, flatten, solve_bounded, spread
 from clearance.diagnosis.shooting.stretch import Pass
 
 _STEPS = 4  # at most

@@ -160,8 +160,20 @@ def finished_trainings(folder: Path) -> list[Finished]:
 
 
 def recorded_trainings(record: Path) -> list[Finished]:
-    """All trainings of a record, which need not be there."""
-    return [Finished.of_row(row) for row in read_json(record, "pictures")] if record.exists() else []
+    """All trainings of a record, which need not be there.
+
+    Raises:
+        InputError: it is none, or of an older version.
+    """
+    if not record.exists():
+        return []
+    try:
+        return [Finished.of_row(row) for row in read_json(record, "pictures")]
+    except (KeyError, TypeError, ValueError):
+        raise InputError(
+            f"pictures = {record.parent}: {record.name} there is no record of trainings, or one of an older "
+            "version; move it away or set pictures to another folder"
+        ) from None
 
 
 def known_trainings(folder: Path, record: Path) -> list[Finished]:

@@ -1,5 +1,6 @@
 """What is expected of recordings that were held out."""
 
+from copy import copy
 from types import SimpleNamespace
 
 import numpy as np
@@ -93,9 +94,16 @@ def test_a_second_effect_that_held_out_recordings_do_not_need_is_withdrawn(monke
     assert judged.withdrawn == ([] if len(expected) == 2 else ["gravity + restitution"])
 
 
-@pytest.mark.parametrize(("late", "expected"), [(False, ["gravity", "restitution"]), (True, ["gravity"])])
-def test_held_out_recordings_are_followed_once_a_machine_and_no_other_is_judged_when_time_is_over(
-    monkeypatch, late, expected
+@pytest.mark.parametrize(
+    ("late", "moved", "expected"),
+    [
+        (False, False, ["gravity", "restitution"]),
+        (False, True, ["gravity", "restitution"]),
+        (True, False, ["gravity"]),
+    ],
+)
+def test_held_out_recordings_are_followed_once_a_fit_and_no_other_is_judged_when_time_is_over(
+    monkeypatch, late, moved, expected
 ):
     nominal, one, other = attempt([], 1.3), attempt(["gravity"], 1.0), attempt(["restitution"], 1.01)
     for each in (nominal, one, other):
@@ -108,13 +116,18 @@ def test_held_out_recordings_are_followed_once_a_machine_and_no_other_is_judged_
         followed.append(one.label)
         return one
 
+    def ask(*_):
+        if moved:  # by the likelihood
+            nominal.fit = copy(nominal.fit)
+
     flat = np.zeros(100)
     same = Innovations(np.ones((100, 2)), flat, flat > 0, flat > 0, ("a", "b"), 1e4)
     monkeypatch.setattr(judging, "_held_out", follow)
-    monkeypatch.setattr(judging, "ask", lambda *_: None)
+    monkeypatch.setattr(judging, "ask", ask)
     monkeypatch.setattr(judging, "innovations", lambda *_: [same])
     search = SimpleNamespace(report=lambda _: None, setting=SimpleNamespace(joint="C"), late=lambda: late)
     judged = judge([], search, Explanation(nominal, [one, other]))
     assert judged.after is nominal
     assert judged.withdrawn == expected
-    assert followed == ["gravity", "nominal", *expected[1:]]
+    again = ["nominal"] * 2 if moved else []  # beside the second, and once more at the end
+    assert followed == ["gravity", "nominal", *expected[1:], *again]

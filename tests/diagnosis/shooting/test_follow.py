@@ -14,9 +14,10 @@ from clearance.diagnosis.following.particles import ways_on
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.sensing.measured import NO_FAULT, SAMPLES, Measured
 from clearance.diagnosis.shooting.chart import Chart
-from clearance.diagnosis.shooting.fit import assemble, fit, solve_bounded
+from clearance.diagnosis.shooting.fit import fit
 from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.diagnosis.shooting.model import Model, Unknown
+from clearance.diagnosis.shooting.normal_equations import assemble, solve_bounded
 from clearance.diagnosis.shooting.stretch import INPUTS
 from clearance.errors import InputError
 from clearance.lanes import WIDTH
