@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from clearance.evaluation.figures import new_figure
 
@@ -68,6 +69,8 @@ def draw(rows: Sequence[Row]) -> Figure | None:
         axes.set(xscale="log", yscale="log", xlabel=label, ylabel="NMAE [% of 1 mm]")
         axes.set_xticks(places, [f"{place:g}" for place in places])
         axes.minorticks_off()
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter("{x:g}")
         axes.grid(True, alpha=0.3)
         axes.legend()
     return figure

@@ -21,14 +21,14 @@ from clearance.trial.summary import comparison, summarise
 from tests.command_line import call
 from tests.trial.conftest import TOOL
 
-CLEARANCE = 8e-5  # m: so small that the journal keeps to its bearing, and a trajectory can be fitted
+CLEARANCE = 2e-5  # m: so small that the journal keeps to its bearing, at every speed near this one
 
 
 @pytest.fixture(scope="module")
 def recorded():
     machine = SliderCrank()
     joint = replace(machine.joint_c, clearance=CLEARANCE)
-    return record(replace(machine, joint_c=joint, drive=SpeedControl(650.0, ramp=0.1)), 1)
+    return record(replace(machine, joint_c=joint, drive=SpeedControl(700.0, ramp=0.1)), 1)
 
 
 def bench(recording, seconds=FIT + JUDGED):
@@ -44,7 +44,7 @@ def with_gain(recording, channel, gain):
 def test_a_trajectory_without_impacts_is_fitted(recorded):
     said = trajectory.judge(bench(recorded), load_effects(["guide_friction", "sensor_gain"]))
     assert said["verdict"] == "none"
-    assert said["clearance"]["after_m"] == pytest.approx(CLEARANCE, rel=0.05)
+    assert said["clearance"]["after_m"] == pytest.approx(CLEARANCE, rel=0.01)
 
 
 def test_a_wrong_gain_is_found_in_its_channel(recorded):
