@@ -20,7 +20,7 @@ from tensorboard.summary.writer.event_file_writer import EventFileWriter
 from threadpoolctl import threadpool_limits
 
 from clearance.commands import command, threads
-from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import JOINTS, Setting
 from clearance.diagnosis.judging.outcome import Outcome, diagnose
 from clearance.diagnosis.motion.attempt import Findings

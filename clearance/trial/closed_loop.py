@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from clearance.diagnosis.hypotheses.effect import Effect, load_effects
+from clearance.diagnosis.hypotheses.effect import Effect
+from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.description import write_mechanism

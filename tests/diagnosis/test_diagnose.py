@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from clearance.diagnose import _files, _load
-from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.outcome import diagnose
 from clearance.diagnosis.sensing.demonstration import CLEARANCE, FRICTION, SPEED, record

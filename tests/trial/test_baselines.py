@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.sensing.demonstration import record
 from clearance.errors import InputError
 from clearance.mechanism.drive import SpeedControl

@@ -10,7 +10,7 @@ from hydra.utils import instantiate
 from omegaconf import OmegaConf
 
 from clearance.configuration import CONFIGURATION
-from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.judging.detectability import detectability_map, faults_of_sensors
 from clearance.mechanism.joint import Joint

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
+from clearance.diagnosis.hypotheses.free_form import DAMPING, FREE_FORM, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
-from clearance.diagnosis.hypotheses.missing_force import DAMPING, FREE_FORM, unnamed
 from clearance.diagnosis.searching.explanation import Explanation, penalised
 from clearance.diagnosis.searching.significance import beats, margin, suspicious, unsettled
 from clearance.diagnosis.shooting.covariance import deviations

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from clearance.diagnosis.following.attempt import explained
-from clearance.diagnosis.hypotheses.missing_force import DAMPING, unnamed
+from clearance.diagnosis.hypotheses.free_form import DAMPING, unnamed
 from clearance.diagnosis.judging.verdict import (
     argument_of,
     clearance_of,

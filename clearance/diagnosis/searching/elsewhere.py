@@ -7,12 +7,13 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import EXPLAINED, POOR, Attempt, explained
 from clearance.diagnosis.following.growth import Followed, grow
+from clearance.diagnosis.hypotheses.free_form import free_form, resisting, rubbing
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
-from clearance.diagnosis.hypotheses.missing_force import free_form, resisting, rubbing
+from clearance.diagnosis.searching.beside import FAR, beside, enough
 from clearance.diagnosis.searching.everywhere import astray, fit_everywhere, start_with
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import FRAME, GEOMETRIC, LOOSE_GUIDE
-from clearance.diagnosis.searching.search import FAR, Search, beside, enough
+from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import SURE, unsettled
 from clearance.diagnosis.searching.work import DRIVE
 from clearance.errors import InputError

@@ -8,9 +8,10 @@ import numpy as np
 from clearance.diagnosis.following.attempt import LOOSENESS, Attempt, explained
 from clearance.diagnosis.following.growth import Start
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.searching.beside import HALFWAY, beside
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE
-from clearance.diagnosis.searching.search import HALFWAY, Search, beside
+from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.work import DRIVE
 from clearance.diagnosis.shooting.model import Model
 

@@ -13,23 +13,26 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, LOOSENESS, Attempt, explained
 from clearance.diagnosis.following.growth import grow
-from clearance.diagnosis.hypotheses.missing_force import (
+from clearance.diagnosis.hypotheses.free_form import (
     ARGUMENTS,
-    PLACES,
     Curve,
     along,
-    arguments_along,
-    as_function_of,
     curve_of,
-    effect_as_curves,
     free_form,
     refined,
     unnamed,
 )
+from clearance.diagnosis.hypotheses.missing_force import (
+    PLACES,
+    arguments_along,
+    as_function_of,
+    effect_as_curves,
+)
 from clearance.diagnosis.searching.balance import suggest_names
+from clearance.diagnosis.searching.beside import beside
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import shapes
-from clearance.diagnosis.searching.search import Search, beside
+from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.widen import look
 from clearance.diagnosis.shooting.fit import Settled, fit, settle
 from clearance.diagnosis.shooting.follow import Follower

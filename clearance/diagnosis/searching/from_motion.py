@@ -6,14 +6,15 @@ from dataclasses import replace
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.hypotheses.free_form import KNOTS
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
-from clearance.diagnosis.hypotheses.missing_force import KNOTS
 from clearance.diagnosis.searching.balance import settle_in, suggest_forces
+from clearance.diagnosis.searching.beside import HALFWAY, NEARLY
 from clearance.diagnosis.searching.everywhere import fit_from
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import refine_table
 from clearance.diagnosis.searching.geometry import suggest_dimensions
-from clearance.diagnosis.searching.search import HALFWAY, NEARLY, Search
+from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.wear import suggest_wear
 from clearance.diagnosis.searching.work import Balanced
 from clearance.errors import InputError

@@ -28,9 +28,10 @@ from clearance.diagnosis.following.horizon import step
 from clearance.diagnosis.following.particles import Found, ways_on
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.searching.beside import beside
 from clearance.diagnosis.searching.explanation import Explanation, Rails
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE, measure_rails, suggest_guide
-from clearance.diagnosis.searching.search import Search, beside
+from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.shooting.covariance import deviations
 from clearance.diagnosis.shooting.fit import fit, settle
 from clearance.diagnosis.shooting.model import Model

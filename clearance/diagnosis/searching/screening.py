@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt
+from clearance.diagnosis.hypotheses.free_form import Curve
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.hypotheses.missing_force import (
-    Curve,
     constant,
     curves,
     directions,

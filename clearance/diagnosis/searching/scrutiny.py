@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained
-from clearance.diagnosis.hypotheses.missing_force import unnamed
+from clearance.diagnosis.hypotheses.free_form import unnamed
+from clearance.diagnosis.searching.beside import beside
 from clearance.diagnosis.searching.explanation import Explanation, penalised
 from clearance.diagnosis.searching.free_search import reshape
 from clearance.diagnosis.searching.screening import Hint, screen
-from clearance.diagnosis.searching.search import Search, beside
+from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import SURE, margin, unsettled
 from clearance.diagnosis.searching.torn import rejoin_impacts
 from clearance.diagnosis.searching.widen import kinds

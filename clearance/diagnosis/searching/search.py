@@ -27,6 +27,7 @@ from clearance.diagnosis.hypotheses.clipping import clipped_sensors
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.kinematics.agreement import Alignment, profile
 from clearance.diagnosis.kinematics.rhythm import Rhythm
+from clearance.diagnosis.searching.beside import BETTER, HALFWAY, NEARLY, beside, enough
 from clearance.diagnosis.searching.explanation import Explanation, penalised
 from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.sensing.instrument import Instrument
@@ -42,14 +43,8 @@ _SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which
 PATIENCE = 40  # times that a path is looked for in vain at the beginning
 _MORE = 1.01  # times the clearance: enough to meet impacts otherwise
 _LOOKS = 2  # times that recordings are followed anew with better values
-NEARLY = 4.0  # misfit up to which a model is worth another look
-HALFWAY = 0.3  # of the base's misfit: a sensor's fault that reaches that is worth a path of its own
-FAR = (
-    20.0  # misfit from which on a linear look beside the path tells little, and what is right leaves far less
-)
 _LEFT = 0.3  # of what is missing beside a near path: what is right leaves less, but for torn impacts
 _AS_GOOD = 1.05  # times the best misfit: what explains and leaves no more has ended in its minimum
-_BETTER = 0.8  # of the base's misfit: a model that does not reach that beside its path, or with one recording
 _WORSE = 2.0  # of the best misfit so far: a model is given up that follows worse than that
 
 
@@ -305,7 +300,7 @@ class Search:
         labels = [" + ".join(h.label for h in (*base.hypotheses, *hint.hypotheses)) for hint in tried]
         fitted = [a for a in explanation.attempts if a.label in labels]
         best = min(fitted, key=penalised, default=None)
-        if base.scale > ANNEALING[3] or best is None or not best.misfit < _BETTER * base.misfit:
+        if base.scale > ANNEALING[3] or best is None or not best.misfit < BETTER * base.misfit:
             return
         limit = max(base.misfit, POOR)
         self.keep(
@@ -395,19 +390,3 @@ class Search:
     def retrace(self, r: int, machine: SliderCrank, instrument: Instrument = NO_FAULT) -> Trace:
         """The path of a recording for another machine, or with faults of its sensors undone."""
         return Trace.of(self.recordings[r], self.alignments[r], machine, instrument)
-
-
-def enough(base: Attempt, r: int) -> float:
-    """Misfit of a recording that an effect beside ``base`` must reach to be fitted to all."""
-    return max((HALFWAY if base.misfit > FAR else _BETTER) * base.misfits[r], POOR)
-
-
-def beside(
-    base: Attempt, hypotheses: Sequence[Hypothesis], values: np.ndarray
-) -> tuple[list[Hypothesis], np.ndarray]:
-    """Hypotheses with those of an attempt, and (recordings, unknowns) values to begin with."""
-    rows, shared = base.fit.values, base.model.shared
-    added = np.repeat(values[None], len(rows), axis=0)
-    return [*base.hypotheses, *hypotheses], np.concatenate(
-        [rows[:, :shared], added, rows[:, shared:]], axis=1
-    )

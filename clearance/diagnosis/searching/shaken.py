@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained, refine
+from clearance.diagnosis.hypotheses.free_form import Curve, free_form, refined
 from clearance.diagnosis.hypotheses.hypothesis import Setting
-from clearance.diagnosis.hypotheses.missing_force import Curve, free_form, refined
 from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.kinematics.pushing import find_pushing
 from clearance.diagnosis.kinematics.shaking import FOUND, KNOTS, find_shaking, measure_frame, shakes

@@ -15,7 +15,7 @@ from importlib.resources import files
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained
-from clearance.diagnosis.hypotheses.missing_force import unnamed
+from clearance.diagnosis.hypotheses.free_form import unnamed
 from clearance.diagnosis.searching.explanation import Explanation, penalised
 
 SURE = 60.0

@@ -8,7 +8,7 @@ looks alike in many places: each is fitted before it is believed.
 import numpy as np
 
 from clearance.diagnosis.following.attempt import LOOSENESS
-from clearance.diagnosis.hypotheses.missing_force import Curve, free_form
+from clearance.diagnosis.hypotheses.free_form import Curve, free_form
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import shapes
 from clearance.diagnosis.searching.search import Search

@@ -5,7 +5,8 @@ from functools import cache
 from itertools import takewhile
 
 from clearance.diagnosis.following.attempt import Attempt, explained
-from clearance.diagnosis.hypotheses.missing_force import Curve, unnamed
+from clearance.diagnosis.hypotheses.free_form import Curve, unnamed
+from clearance.diagnosis.searching.beside import FAR, NEARLY
 from clearance.diagnosis.searching.elsewhere import (
     begin_again,
     begin_elsewhere,
@@ -25,7 +26,7 @@ from clearance.diagnosis.searching.from_motion import (
 from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE, suggest_channels
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.scrutiny import contest, scrutinise
-from clearance.diagnosis.searching.search import FAR, NEARLY, Search
+from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.shaken import begin_frame, begin_shaking
 from clearance.diagnosis.searching.significance import incomplete, unsettled
 from clearance.diagnosis.searching.simplify import enlarge, prune, retry_nominal

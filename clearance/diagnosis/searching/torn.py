@@ -10,8 +10,9 @@ import numpy as np
 from clearance.diagnosis.following.attempt import APART, NEAR, Attempt, explained, whole
 from clearance.diagnosis.following.horizon import islands, mend
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.searching.beside import beside
 from clearance.diagnosis.searching.screening import Hint
-from clearance.diagnosis.searching.search import Search, beside
+from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import SURE
 from clearance.diagnosis.shooting.fit import settle
 from clearance.diagnosis.shooting.follow import EDGE

@@ -18,9 +18,10 @@ from clearance.diagnosis.following.growth import Start
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.kinematics.agreement import profile
+from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, beside
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint, screen
-from clearance.diagnosis.searching.search import HALFWAY, NEARLY, Search, beside
+from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.sensing.suspicion import suspect
 from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.errors import InputError

@@ -12,8 +12,8 @@ from math import pi
 
 import numpy as np
 
+from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, curve_over, free_form, refined
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
-from clearance.diagnosis.hypotheses.missing_force import KNOTS, Curve, curve_over, free_form, refined
 from clearance.diagnosis.kinematics.agreement import loose
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.diagnosis.kinematics.regression import cost_of, regressed, scatter_of

@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
 
 from clearance.commands import command
-from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.errors import InputError
 from clearance.recording.correction import corrected
 from clearance.recording.files import read

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.following.finished import Finished, kept_in
-from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.searching import search as searching
 from clearance.diagnosis.searching.location import locate_joint

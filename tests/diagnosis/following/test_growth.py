@@ -10,8 +10,8 @@ from clearance.diagnosis.following import growth
 from clearance.diagnosis.following.attempt import ANNEALING, EXPLAINED, FOLLOWED, refine, whole
 from clearance.diagnosis.following.growth import Start, grow, scale_of
 from clearance.diagnosis.following.trace import Trace
+from clearance.diagnosis.hypotheses.free_form import Curve, free_form
 from clearance.diagnosis.hypotheses.hypothesis import Setting
-from clearance.diagnosis.hypotheses.missing_force import Curve, free_form
 from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.mechanism.applied_force import TabulatedForce

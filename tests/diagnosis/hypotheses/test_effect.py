@@ -8,11 +8,8 @@ import pytest
 import yaml
 
 from clearance.configuration import CONFIGURATION
-from clearance.diagnosis.hypotheses.effect import (
-    corrected_machine,
-    load_effects,
-    read_effect,
-)
+from clearance.diagnosis.hypotheses.effect import corrected_machine
+from clearance.diagnosis.hypotheses.effect_files import load_effects, read_effect
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather, of_effect
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.errors import InputError

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.following.attempt import Attempt
-from clearance.diagnosis.hypotheses.hypothesis import Setting
-from clearance.diagnosis.hypotheses.missing_force import (
+from clearance.diagnosis.hypotheses.free_form import (
     CLOSEST,
     DAMPING,
     FREE_FORM,
@@ -16,6 +15,7 @@ from clearance.diagnosis.hypotheses.missing_force import (
     free_form,
     resisting,
 )
+from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging import verdict, words
 from clearance.diagnosis.judging.verdict import (
     Estimate,

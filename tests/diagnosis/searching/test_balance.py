@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.kinematics.rhythm import Rhythm

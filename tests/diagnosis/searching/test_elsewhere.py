@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.effect_files import load_effects
+from clearance.diagnosis.hypotheses.free_form import along, free_form, rubbing, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
-from clearance.diagnosis.hypotheses.missing_force import along, free_form, rubbing, unnamed
 from clearance.diagnosis.searching import elsewhere
 from clearance.diagnosis.searching.elsewhere import (
     _again,

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.searching.scrutiny import _misheard
 from clearance.diagnosis.sensing.instrument import respond

@@ -8,19 +8,20 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.following.attempt import EXPLAINED, explained, whole
-from clearance.diagnosis.hypotheses.effect import load_effects
-from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
-from clearance.diagnosis.hypotheses.missing_force import (
+from clearance.diagnosis.hypotheses.effect_files import load_effects
+from clearance.diagnosis.hypotheses.free_form import (
     CLOSEST,
     DAMPING,
     FREE_FORM,
     KNOTS,
     Curve,
-    as_function_of,
     curve_over,
     unnamed,
 )
+from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
+from clearance.diagnosis.hypotheses.missing_force import as_function_of
 from clearance.diagnosis.judging.verdict import equivalents, estimates
+from clearance.diagnosis.searching.beside import FAR, beside
 from clearance.diagnosis.searching.elsewhere import begin_inside, begin_plausible
 from clearance.diagnosis.searching.everywhere import astray
 from clearance.diagnosis.searching.explanation import Explanation
@@ -28,7 +29,6 @@ from clearance.diagnosis.searching.free_search import fit_curve, suggest_curve
 from clearance.diagnosis.searching.location import locate_joint
 from clearance.diagnosis.searching.screening import Hint, _Column, _range
 from clearance.diagnosis.searching.scrutiny import _begun, contest, scrutinise
-from clearance.diagnosis.searching.search import FAR, beside
 from clearance.diagnosis.searching.significance import unsettled
 from clearance.diagnosis.searching.small_force import begin_small_force
 from clearance.diagnosis.searching.torn import rejoin_impacts

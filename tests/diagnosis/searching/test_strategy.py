@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clearance.diagnosis.hypotheses.missing_force import FREE_FORM
+from clearance.diagnosis.hypotheses.free_form import FREE_FORM
 from clearance.diagnosis.searching import scrutiny
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.scrutiny import _compare_kinds

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clearance.diagnosis.hypotheses.missing_force import (
+from clearance.diagnosis.hypotheses.free_form import (
     FREE_FORM,
     Curve,
     along,

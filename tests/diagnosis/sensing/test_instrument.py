@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 import pytest
 
-from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.sensing.instrument import (
     FAULTS,
     Instrument,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import cheby1, sosfiltfilt
 
-from clearance.diagnosis.hypotheses.effect import load_effects
+from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.suspicion import suspect
 from clearance.errors import InputError
