@@ -23,6 +23,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from clearance.configuration import CONFIGURATION, set_defaults_of_plugins, with_mechanism_file
 from clearance.errors import InputError
+from clearance.help import help_text
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _UNKNOWN_KEY = re.compile(r"the key that ends in '(\w+)'")
@@ -32,7 +33,7 @@ _HINTS = {
         "; inside a list or mapping, a value with = needs quotes: 'key=[\"a=1\"]'"
     ),
     re.compile(r"Could not find 'hydra/(launcher|sweeper)/"): (
-        "; joblib, submitit_slurm and optuna come with pip install 'clearance[sweeps]'"
+        "; joblib, submitit_slurm and optuna come with pip install '.[sweeps]'"
     ),
 }
 _BACKGROUND = re.compile(r"Config search path:.*|\s*object_type=.*|See https://\S+.*")
@@ -65,6 +66,9 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
             signal.signal(signal.SIGTERM, _terminated)
             try:
                 with _reported():
+                    if {"--help", "-h"} & set(sys.argv[1:]):
+                        sys.stdout.write(help_text(name))
+                        return None
                     set_defaults_of_plugins()
                     sys.argv[1:] = [_quoted(with_mechanism_file(argument)) for argument in sys.argv[1:]]
                     return run()

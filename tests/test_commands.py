@@ -184,6 +184,14 @@ def test_a_mistyped_override_is_one_line(home, wrong, words):
     assert re.fullmatch(f"{words}.*\n", done.stderr)
 
 
+def test_help_is_the_commands_own_and_runs_nothing(home):
+    before = sorted(home.rglob("*"))
+    done = launch("simulate", "joint=B", "--help", folder=home)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("Simulate a data set.")
+    assert sorted(home.rglob("*")) == before
+
+
 def test_an_unknown_option_is_named(home):
     done = launch("simulate", "--fast", folder=home)
     assert done.returncode == 2

@@ -61,7 +61,7 @@ def test_kernel_in_numbas_simulator_agrees_with_the_cpu(on_cpu, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(
-    find_spec("numba_cuda") is None, reason="numba-cuda is not installed: pip install 'clearance[cuda]'"
+    find_spec("numba_cuda") is None, reason="numba-cuda is not installed: pip install '.[cuda]'"
 )
 def test_cudas_compiler_takes_the_kernel():
     code = python("tests.simulation.gpu_compilation").stdout
@@ -74,7 +74,7 @@ def test_cudas_compiler_takes_the_kernel():
 
 
 @pytest.mark.gpu
-@pytest.mark.skipif(find_spec("numba_cuda") is None, reason="pip install 'clearance[cuda]'")
+@pytest.mark.skipif(find_spec("numba_cuda") is None, reason="pip install '.[cuda]'")
 def test_gpu_agrees_with_the_cpu(on_cpu):
     try:
         gpu.require_gpu()
@@ -91,7 +91,7 @@ def test_without_numba_cuda_the_commands_say_what_to_install(name, tmp_path, mon
     code, error = call(monkeypatch, capfd, name, *asked)
     assert code == 2
     assert "device" in error
-    assert "pip install 'clearance[cuda]'" in error
+    assert "pip install '.[cuda]'" in error
     assert not (tmp_path / "data").exists()
 
 

@@ -39,7 +39,7 @@ def require_gpu() -> None:
     simulated = os.environ.get("NUMBA_ENABLE_CUDASIM") == "1"  # by Numba itself, for tests: Python for a GPU
     if not simulated and find_spec("numba_cuda") is None:
         raise InputError(
-            "device = cuda needs numba-cuda, which is not installed: pip install 'clearance[cuda]', or "
+            "device = cuda needs numba-cuda, which is not installed: pip install '.[cuda]', or "
             "change device to cpu"
         )
     from numba import cuda
@@ -47,7 +47,7 @@ def require_gpu() -> None:
     if not cuda.is_available():
         raise InputError(
             "device = cuda needs an NVIDIA GPU with its driver, and CUDA's compiler, which comes with "
-            "pip install 'clearance[cuda]'; one of them was not found: change device to cpu"
+            "pip install '.[cuda]'; one of them was not found: change device to cpu"
         )
 
 
