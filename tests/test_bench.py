@@ -80,5 +80,5 @@ def test_exudyn_agrees_where_the_motion_is_periodic():
         assert entry["ratio"] == pytest.approx(
             ours["steps_per_second_per_core"] / entry["steps_per_second_per_core"]
         )
-        # both schemes are wrong by about 2 % of the signal at h = 1e-5 s (MECHANISM.md)
+        # both schemes are wrong by about 2 % of the signal at h = 1e-5 s (docs/mechanism.md)
         assert entry["slider_acceleration_deviation"]["0.0001"][0] == pytest.approx(expected, rel=0.02)

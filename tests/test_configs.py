@@ -1,5 +1,6 @@
 """Every option of every configuration group composes, and makes what it says."""
 
+import re
 import shlex
 from functools import cache
 from pathlib import Path
@@ -37,11 +38,15 @@ def composed(command, *overrides):
         return compose(command, list(overrides), return_hydra_config=True)
 
 
+PAGES = ("README.md", *(f"docs/{page}.md" for page in ("scaling", "trial", "location", "placement")))
+TEXT = "\n".join((CONFIGURATION.parent / page).read_text() for page in PAGES)
 SHOWN = [
-    line for page in ("README.md", "docs/scaling.md")
-    for line in (CONFIGURATION.parent / page).read_text().splitlines()
-    if line.startswith("python -m clearance.") and "hydra/sweeper" not in line  # in test_sweeps
-]  # fmt: skip
+    line
+    for line in re.findall(r"^python -m clearance\..*$", TEXT, re.M)
+    + [f"python -m {one}" for one in re.findall(r"^\| `(clearance\.[^`]+)`", TEXT, re.M)]
+    if "hydra/sweeper" not in line  # in test_sweeps
+    and "--help" not in line  # in test_help
+]
 
 
 @pytest.mark.parametrize("line", SHOWN)

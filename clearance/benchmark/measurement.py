@@ -46,7 +46,7 @@ def circumstances() -> dict[str, Any]:
         "hardware": {
             "cpu": _processor(),
             "cores": os.cpu_count(),
-            "platform": platform.platform(),
+            "platform": f"{platform.system()} {platform.machine()}",
             "load_average": os.getloadavg(),
         },
         "versions": {"python": platform.python_version()} | _versions(),

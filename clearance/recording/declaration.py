@@ -11,8 +11,9 @@
     chain: {base_rate: 100000, decimation: 10, filter_order: 8, ripple_db: 0.05, cutoff: 0.8}
     metadata: {machine: "press 7"}
 
-`sensors` and `chain` describe, they do not correct: a prediction that is compared with the recording passes
-through the same instruments.
+`sensors` and `chain` describe: a prediction that is compared with the recording passes through the same
+chain, and what can be undone (gain, bias, delay, mounting angle) is undone where a recording is read for
+`predict` and `diagnose` (``correction.py``).
 """
 
 from collections.abc import Mapping

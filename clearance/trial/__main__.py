@@ -1,8 +1,10 @@
 """Prove the diagnosis on machines whose truth is sealed: ``python -m clearance.trial``."""
 
 import logging
+import os
 import sys
 from collections.abc import Sequence
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +20,8 @@ from clearance.trial.conceal import conceal
 from clearance.trial.examine import DIAGNOSIS, VERDICTS, Examiner
 from clearance.trial.reveal import commit_verdicts, reveal
 from clearance.trial.score import score_case
-from clearance.trial.summary import comparison, failures, summarise, table
-from clearance.whole_files import write_atomically, write_json
+from clearance.trial.summary import comparison, failures, history, summarise, table
+from clearance.whole_files import read_json, write_atomically, write_json
 
 log = logging.getLogger(__name__)
 
@@ -76,6 +78,8 @@ def main(cfg: DictConfig) -> None:
                 _publish(*content, "trial", cfg.results, cfg.readme)
                 if beside:
                     _publish(content[0], beside, "baselines", cfg.results, cfg.readme)
+                if cfg.history is not None:
+                    _list_all(Path(cfg.history), cfg.results)
         if loop is not None and cfg.stage != "reveal":
             closed = close_loop(cases, folder, loop, parallel, log.info)
             _publish(*_write_loop(folder, facts, closed), "loop", cfg.results, cfg.readme)
@@ -84,7 +88,7 @@ def main(cfg: DictConfig) -> None:
 
 def _write(folder: Path, facts: dict[str, Any], rows: Sequence[dict[str, Any]]) -> tuple[dict[str, Any], str]:
     """Result and pictures into the folder; returns the summary and its table, which are shown."""
-    summary = facts | summarise(rows)
+    summary = {"date": date.today().isoformat()} | facts | summarise(rows)
     write_json(folder / "result.json", {"summary": summary, "rows": rows})
     for name, figure in {
         "power": pictures.power(rows, summary["power"]),
@@ -139,9 +143,23 @@ def _publish(content: dict[str, Any], text: str, block: str, results: str | None
         Path(results).parent.mkdir(parents=True, exist_ok=True)
         write_json(Path(results), content)
     if readme is not None:
-        before = Path(readme).read_text(encoding="utf-8")
-        renewed = put_between_marks(before, block, text, "trial")
-        write_atomically(Path(readme), lambda file: file.write_text(renewed, encoding="utf-8"))
+        _renew(Path(readme), block, text)
+
+
+def _list_all(page: Path, results: str | None) -> None:
+    """Renew the page's table of all trials that are published beside this one."""
+    if results is None:
+        raise InputError(f"history = {page} lists the trials beside results, which is null; set results")
+    beside = {
+        os.path.relpath(path, page.parent): read_json(path, "results")
+        for path in Path(results).parent.glob("trial-*.json")
+    }
+    _renew(page, "trials", history(beside))
+
+
+def _renew(page: Path, block: str, text: str) -> None:
+    renewed = put_between_marks(page.read_text(encoding="utf-8"), block, text, "trial")
+    write_atomically(page, lambda file: file.write_text(renewed, encoding="utf-8"))
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ class Session:
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """The truth of one case; names and parameters of effects and faults are those of DIAGNOSIS.md.
+    """The truth of one case; names and parameters of effects and faults are those of docs/effects.md.
 
     Attributes:
         name: of its folder.
@@ -131,7 +131,7 @@ def plant_values(name: str, values: Mapping[str, float], speed_rpm: float) -> di
 
     Args:
         name: of the effect.
-        values: under the names of DIAGNOSIS.md.
+        values: under the names of docs/effects.md.
         speed_rpm: nominal speed, of which a motor's no-load speed is a multiple.
     """
     renamed = {_FOR_THE_PLANT.get(name, {}).get(key, key): value for key, value in values.items()}

@@ -47,6 +47,7 @@ def conceal(
             raise InputError(
                 f"folder = {folder} holds a trial that was drawn otherwise; choose another folder"
             )
+        report(f"{folder} holds this trial already, with the seed it was drawn from; it goes on")
         return done
     if scope.shares.get("beam", 0.0) > 0.0:
         load_exudyn()

@@ -49,7 +49,7 @@ class _Rod(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ExudynPlant:
-    """The nominal machine of MECHANISM.md with clearance in C, turning at its reference speed at the start.
+    """The nominal machine (docs/mechanism.md) with clearance in C, turning at its speed at the start.
 
     Attributes:
         clearance: radial, of joint C [m].

@@ -1,6 +1,6 @@
 """What may be concealed: effects, faults and forces without a name, each in three plausible sizes.
 
-The names of effects, parameters and places are those of DIAGNOSIS.md. The table is written out here, and not
+Effects, parameters and places have the names of docs/effects.md. The table is written out here, and not
 read from the diagnosis' own files: an error there must not become the truth here.
 """
 

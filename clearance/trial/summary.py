@@ -172,6 +172,24 @@ def comparison(summaries: Mapping[str, Mapping[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def history(summaries: Mapping[str, Mapping[str, Any]]) -> str:
+    """Published trials, the newest first, as a Markdown table: a row each.
+
+    Args:
+        summaries: file to what it holds, with the ``date`` when it was revealed.
+    """
+    newest = sorted(summaries.items(), key=lambda one: (one[1]["date"], one[0]), reverse=True)
+    lines = [
+        f"| revealed | seed | machines | no verdict | {' | '.join(label for label, _, _ in _HISTORY)} |",
+        f"|---|---|---|---|{'---|' * len(_HISTORY)}",
+    ]
+    for name, one in newest:
+        cells = [show(one[key]) for _, key, show in _HISTORY]
+        first = f"{one['date']} | [{one['seed']}]({name}) | {one['cases']} | {one['without_verdict']}"
+        lines.append(f"| {first} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
 def failures(summary: Mapping[str, Any]) -> str:
     """One line a failure."""
     lines = []
@@ -245,3 +263,25 @@ _COMPARED = frozenset({
     "unknown_with_body", "parameter_coverage", "clearance_coverage", "clearance_error_of_all", "seconds",
 })  # fmt: skip
 """Rows of the comparison."""
+
+
+def _count(one: Mapping[str, Any]) -> str:
+    return f"{one['count']} of {one['of']}"
+
+
+_HISTORY: tuple[tuple[str, str, Callable[[Mapping[str, Any]], str]], ...] = (
+    ("false alarms", "false_alarms", _count),
+    ("named", "named_or_equivalent", _count),
+    ("pairs", "pairs_named_or_equivalent", _count),
+    ("right body", "body", _count),
+    ("`unknown`, right body", "unknown_with_body", _count),
+    ("curve 0.95", "curve_good", _count),
+    ("parameters covered", "parameter_coverage", _count),
+    ("held-out within 1.1", "held_out_at_floor", _count),
+    (
+        "clearance, best sensors, 90 % below",
+        "clearance_error_at_best",
+        lambda one: f"{_percent(one['p90'])} %",
+    ),
+    ("90 % of cases within", "seconds", lambda one: f"{one['p90']:.0f} s"),
+)

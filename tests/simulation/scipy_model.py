@@ -240,7 +240,7 @@ def ideal_kinematics(crank_angle, crank_speed, crank_acceleration, crank=0.05, r
     """Closed form of the ideal slider-crank, from sin(rod angle) = (offset - r sin θ)/l; arrays allowed.
 
     Returns a dictionary: rod_angle, rod_speed, rod_acceleration, slider_position, slider_velocity,
-    slider_acceleration, and channels (..., 10) in the order of MECHANISM.md.
+    slider_acceleration, and channels (..., 10) in the order of docs/mechanism.md.
     """
     theta, omega, alpha = (np.asarray(x, dtype=float) for x in (crank_angle, crank_speed, crank_acceleration))
     sine = (offset - crank * np.sin(theta)) / rod
@@ -283,7 +283,7 @@ def ideal_kinematics(crank_angle, crank_speed, crank_acceleration, crank=0.05, r
 
 
 def channels(machine, coordinates, velocities, acceleration):
-    """Ten proper accelerations (n, 10) of the maximal-coordinate model, in the order of MECHANISM.md."""
+    """Ten proper accelerations (n, 10) of the maximal-coordinate model, in the order of docs/mechanism.md."""
     gravity = np.array(machine.gravity)
     columns = []
     for body, ends in zip((CRANK, ROD), arms(machine), strict=True):

@@ -342,7 +342,7 @@ def test_a_contact_never_pulls():
 
 
 def test_stiffness_of_the_nominal_contact():
-    assert natural.hertz_stiffness(1e-4) == pytest.approx(1.5e11, rel=0.03)  # MECHANISM.md: "about"
+    assert natural.hertz_stiffness(1e-4) == pytest.approx(1.5e11, rel=0.03)  # docs/mechanism.md: "about"
 
 
 # --- use -------------------------------------------------------------------------------------------------

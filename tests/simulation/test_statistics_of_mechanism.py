@@ -1,4 +1,4 @@
-"""The figures of the last section of MECHANISM.md, measured here with the paper's formulation.
+"""The figures of docs/mechanism.md ("How it moves"), measured here with the paper's formulation.
 
 They were measured on another model (Runge-Kutta, h = 1e-6 s), one run each. Where the motion is periodic they
 must come out again. Where it is chaotic one run is one draw, and the tolerance is three standard deviations

@@ -13,8 +13,8 @@ from clearance.trial.claim import correlation
 from clearance.trial.reveal import Revealed, reveal
 from clearance.trial.score import score_case
 from clearance.trial.simulate import simulate
-from clearance.trial.summary import failures, rate, summarise, table
-from tests.command_line import command, environment
+from clearance.trial.summary import failures, history, rate, summarise, table
+from tests.command_line import ROOT, command, environment
 from tests.trial.tool import verdict
 
 SESSION = Session(speed_rpm=700.0, start_angle=0.4, record_start=0.25, duration=0.2)
@@ -245,6 +245,19 @@ def test_a_result_is_plain_data_with_tables_and_pictures(trial, tmp_path):
     ):
         figure.savefig(tmp_path / "a.png")
         assert (tmp_path / "a.png").stat().st_size > 5000
+
+
+def test_published_trials_are_listed_newest_first():
+    published = {
+        path.name: json.loads(path.read_text()) for path in (ROOT / "docs/results").glob("trial-*.json")
+    }
+    lines = history(published).splitlines()
+    assert len(lines) == 2 + len(published) > 3
+    assert {line.count("|") for line in lines} == {lines[0].count("|")}
+    dates = [line.split("|")[1].strip() for line in lines[2:]]
+    assert dates == sorted(dates, reverse=True)
+    row = next(line for line in lines if "[20261126]" in line)
+    assert "| 48 | 0 | 0 of 5 | 21 of 22 | 1 of 4 | 37 of 39 | 12 of 13 |" in row
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The named effects as entries of a plant's parameters; names, parameters and meaning as in DIAGNOSIS.md."""
+"""The named effects as entries of a plant's parameters; names and meaning as in docs/effects.md."""
 
 from collections.abc import Callable, Mapping
 from math import pi

@@ -63,13 +63,13 @@ class Run:
 
 @dataclass(frozen=True, kw_only=True)
 class Plant:
-    """A slider-crank whose truth is known; the defaults are the nominal machine of MECHANISM.md.
+    """A slider-crank whose truth is known; the defaults are the nominal machine of docs/mechanism.md.
 
     Attributes:
         joint: the joint with clearance, ``none``, ``B``, ``C`` or ``both``; effects in the joint are there.
         clearance: radial [m]; a pair (B, C) for ``both`` if they differ.
         speed_rpm: reference speed [rpm].
-        effects: name of the effect in DIAGNOSIS.md to its parameters.
+        effects: name of the effect in docs/effects.md to its parameters.
         extra: a force that no effect describes, or ``None``.
         crank: mass [kg], inertia about the centre of mass [kg m²], length [m]; the centre is at mid-length.
         rod: likewise.
@@ -232,7 +232,7 @@ class Plant:
         start_angle: float = 0.0,
         start_speed_rpm: float = 0.0,
     ) -> dict[str, FloatArray]:
-        """What a logger would have kept, through the measurement chain of MECHANISM.md.
+        """What a logger would have kept, through the measurement chain of docs/mechanism.md.
 
         Args:
             duration: length of the recording [s].
