@@ -44,6 +44,7 @@ log = logging.getLogger(__name__)
 
 UNKNOWN = "unknown"
 _MOST = 999  # simulations: some seconds each
+_HELD_OUT = 1.0 / 3.0  # of each recording, where no other ones are held out
 
 
 @command("diagnose")
@@ -172,24 +173,30 @@ def _load(
             f"recordings: share {shared} of the channels {list(channels)}; at least one on rod or slider is "
             "needed to follow the mechanism; change sensors or recordings"
         )
+    apart = 0.0 if others else _HELD_OUT
     silent = {
-        name: tuple(c for c in shared if np.ptp(recording.channel(c)) == 0.0)
+        name: tuple(c for c in shared if np.ptp(recording.channel(c)[: _told(recording, apart)]) == 0.0)
         for name, recording in everything.items()
     }
     heard = [c for c in shared if not any(c in mute for mute in silent.values())] or shared
     measured = {
         name: replace(
-            Measured.of(recording.select(heard), chain_of(recording, name), name), silent=silent[name]
+            Measured.of(recording.select(heard), chain_of(recording, name), name, apart), silent=silent[name]
         )
         for name, recording in everything.items()
     }
     if others:
         return [measured[name] for name in named], [measured[name] for name in others]
-    cuts = {name: 2 * len(measured[name].values) // 3 for name in named}
+    cuts = {name: int((1.0 - _HELD_OUT) * len(measured[name].values)) for name in named}
     return (
         [measured[name].part(0, cut) for name, cut in cuts.items()],
         [measured[name].part(cut, len(measured[name].values)) for name, cut in cuts.items()],
     )
+
+
+def _told(recording: Recording, held_out: float) -> int:
+    """Samples before those by which is judged."""
+    return len(recording.values) - round(held_out * len(recording.values))
 
 
 def _files(key: str, paths: Any, held_out: Sequence[Path] = ()) -> list[Path]:

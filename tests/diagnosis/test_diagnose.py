@@ -214,3 +214,34 @@ def test_a_sensor_that_is_constant_in_one_recording_is_left_out_of_all(recording
     assert [one.silent for one in (*fitted, *judged)] == [(), ("rod_b_axial",)] * 2
     assert len({one.channels for one in (*fitted, *judged)}) == 1
     assert "rod_b_axial" not in fitted[0].channels
+
+
+def test_noise_and_limits_are_told_without_what_is_held_out(recordings):
+    whole = read(recordings / "a.parquet")
+    values = whole.values.copy()
+    last = 2 * len(values) // 3 + 10
+    noise = np.random.default_rng(3).normal(size=values[last:].shape)
+    values[last:] = np.clip(values[last:] + 30.0 * values.std(axis=0) * noise, -500.0, 500.0)
+    (fitted,), (judged,) = _load({"a": whole}, {}, whole.channels)
+    (other,), (loud,) = _load({"a": replace(whole, values=values)}, {}, whole.channels)
+    for one, before in ((other, fitted), (loud, judged)):
+        np.testing.assert_array_equal(one.sigma, before.sigma)
+        np.testing.assert_array_equal(one.limits, before.limits)
+
+
+def test_recordings_that_no_motion_is_near_end_in_a_line(recordings):
+    whole = read(recordings / "a.parquet")
+    values = whole.values.copy()
+    values[:, whole.channels.index("rod_c_transverse")] *= 1000.0  # mm/s^2
+    fitted, judged = _load({"a": replace(whole, values=values)}, {}, whole.channels)
+    with pytest.raises(InputError, match=r"is a unit or a scale wrong|explains \d+%"):
+        diagnose(
+            fitted,
+            judged,
+            [Setting(SliderCrank(), "C")],
+            load_effects("gravity"),
+            (50.0, 150.0),
+            1,
+            1,
+            lambda _: None,
+        )

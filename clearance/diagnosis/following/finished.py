@@ -245,14 +245,20 @@ def _make_room(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         alike = [p for p in folder.parent.iterdir() if _NAME.fullmatch(p.name) and p.is_dir()]
-        alike.sort(key=lambda p: p.stat().st_mtime)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror or error}); change finished") from error
-    for outdated in alike[:-_KEPT]:
+    for outdated in sorted(alike, key=_age)[:-_KEPT]:
         with contextlib.suppress(OSError):  # another run may be at it, or it holds what is not ours
             for file in outdated.glob("*.npz"):
                 file.unlink()
             outdated.rmdir()
+
+
+def _age(folder: Path) -> float:
+    try:
+        return folder.stat().st_mtime
+    except OSError:  # another run has just removed it
+        return 0.0
 
 
 def _read(path: Path) -> dict[str, np.ndarray] | None:

@@ -74,7 +74,7 @@ class Start:
             tried.append(other)
         best = min(tried, key=lambda start: start.doubt, default=None)
         if best is None or best.doubt > _LOST:  # physics is missing: better the path with unknown forces
-            surest = islands[0] if islands else 0
+            surest = islands[0] if islands else _EDGES
             return Start(trace, follower, surest, np.inf if best is None else best.doubt)
         return best
 

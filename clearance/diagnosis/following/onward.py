@@ -14,11 +14,12 @@ from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.model import Model
 
 _PLACES = 4  # from which a recording that was lost is followed again
+_FURTHEST = 3000  # segments from there on to what was held out: each is followed, and costs memory
 _BACK = 4  # segments before the end of the fitted stretch, which the end's samples hardly know
 
 
 def go_on(attempt: Attempt, traces: Sequence[Trace], model: Model, workers: int) -> Attempt | None:
-    """Follow what was held out from where the fitted stretches end; ``None`` where it comes before that.
+    """Follow what was held out from where the fitted stretches end; ``None`` where it is not soon after that.
 
     Which states are possible when nothing before is known may be lost among many: a shoe that hangs between
     its rails shows nothing of where. Whoever was on the way there knows.
@@ -98,11 +99,12 @@ def _grown(start: Start, model: Model, row: np.ndarray) -> Followed:
 
 
 def _before(attempt: Attempt, measured: Measured) -> tuple[Follower, float] | None:
-    """The follower of the stretch of the same recording that ends before a part, and its speed [rpm]."""
+    """The follower of the same recording's stretch that ends soon before a part, and its speed [rpm]."""
     for follower, row in zip(attempt.followers, attempt.fit.values, strict=True):
         own = follower.measured
         same = own.name == measured.name and len(own.recorded) == len(measured.recorded)
-        if same and own.first + follower.segments <= measured.first:
+        end = own.first + follower.segments
+        if same and end <= measured.first <= end + _FURTHEST:
             return follower, float(row[-1])
     return None
 

@@ -28,10 +28,12 @@ def load_effects(names: str | Sequence[str] = "all", without: Sequence[str] = ()
     """
     every = _all_effects()
     if isinstance(names, str):
-        names = list(every) if names == "all" else [names]
+        names = [names]
     wanted: dict[str, Effect] = {}
     for name in names:
-        if name in KINDS:
+        if name == "all":
+            wanted |= every
+        elif name in KINDS:
             wanted |= {effect.name: effect for effect in every.values() if effect.kind == name}
         else:
             wanted[name] = every[_known(name, every, "hypotheses", (*KINDS, "all"))]
@@ -67,6 +69,9 @@ def read_effect(path: Path) -> Effect:
         if not isinstance(content, dict):
             raise InputError("holds no keys")
         named: dict[str, Any] = {str(key): value for key, value in content.items()}
+        for key, kind, called in (("free", dict, "mapping"), ("variants", list, "list")):
+            if not isinstance(named.get(key) or kind(), kind):
+                raise InputError(f"{key} = {named[key]!r} is no {called}")
         free = tuple(_parameter(name, entry) for name, entry in (named.pop("free", None) or {}).items())
         choices = tuple(_variant(entry) for entry in named.pop("variants", None) or ())
         effect: Effect = _made(Effect, {**named, "free": free, "choices": choices}, ("channel",))

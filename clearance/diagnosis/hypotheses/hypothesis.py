@@ -20,6 +20,7 @@ SMALLEST_CLEARANCE = 5e-6  # m; below, the joint is as good as ideal
 _STEP = 1e-4  # of a parameter's plausible size, for its derivative
 _REACH = 0.3  # of it: change that a linearisation surely bears
 _SPAN = 0.1  # of its range is plausible where a parameter begins at zero
+_SAMPLES, _RATE = 64, 1e4  # of a recording of nothing, to see whether a fault can be undone at all
 
 
 def settled(drive: Drive) -> Drive:
@@ -228,7 +229,7 @@ def gather(
     for effect in effects:
         for variant in effect.variants(channels):
             if effect.kind == "instrument":
-                trials = [of_fault(variant, machine, joint)]
+                trials = [one for one in [of_fault(variant, machine, joint)] if _undone(one, channels)]
             else:
                 try:
                     trials = of_effect(variant, machine, joint)
@@ -237,3 +238,14 @@ def gather(
             if trials:
                 found[trials[0].label] = trials
     return found
+
+
+def _undone(hypothesis: Hypothesis, channels: Sequence[str]) -> bool:
+    """Whether a fault can be taken out of what was recorded: an axis alone cannot be turned back."""
+    assert hypothesis.fault is not None
+    instrument = hypothesis.fault(Instrument(), hypothesis.start)
+    try:
+        instrument.correct(np.zeros((_SAMPLES, len(channels))), channels, _RATE)
+    except InputError:
+        return False
+    return True

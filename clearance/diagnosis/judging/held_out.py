@@ -22,6 +22,7 @@ from clearance.diagnosis.sensing.measured import Measured
 from clearance.diagnosis.shooting.fit import Fit
 from clearance.diagnosis.shooting.follow import alike
 from clearance.diagnosis.shooting.model import Model, Unknown
+from clearance.errors import InputError
 from clearance.mechanism.applied_force import NoForce, TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
 
@@ -77,7 +78,9 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
         def beside(
             attempt: Attempt, other: Attempt | None = None, own: list[Measured] = own, timed: bool = timed
         ) -> Attempt:
-            for fit, known in () if timed else followed:
+            if timed:
+                return _held_out(own, search, attempt, other)
+            for fit, known in followed:
                 if fit is attempt.fit:  # the likelihood has not moved it since
                     return known
             followed.append((attempt.fit, _held_out(own, search, attempt, other)))
@@ -140,8 +143,14 @@ def _held_out(
     else:
 
         def one(measured: Measured) -> Trace:
-            known = aligned(measured, machine, speeds_near(search))
-            return Trace.of(measured, known, machine, instrument)
+            try:
+                known = aligned(measured, machine, speeds_near(search))
+                return Trace.of(measured, known, machine, instrument)
+            except np.linalg.LinAlgError:
+                raise InputError(
+                    f"held_out: {measured.name} shows no motion of this mechanism; is it another machine's, "
+                    "or a sensor broken? Leave it out: what was fitted is kept"
+                ) from None
 
         with ThreadPoolExecutor(search.workers) as pool:
             traces = list(pool.map(one, held_out))
@@ -151,7 +160,7 @@ def _held_out(
         found = None
         if right and any(h.name == LOOSE_GUIDE for h in attempt.hypotheses):
             found = go_on(attempt, traces, only_speed, search.workers)
-            found = found or fit_rattling(traces, only_speed, values, search.workers)
+            found = found or fit_rattling(traces, only_speed, values, search.workers, search.late)
         if found is None:
             starts = search.begin(traces, only_speed, values, PATIENCE if right else 0)
             found = search.grown((), values, starts, model=only_speed, patient=right)

@@ -78,7 +78,8 @@ def innovations(attempt: Attempt, joint: str, floor: Attempt | None = None) -> l
         steps = np.arange(m) / m * follower.measured.segment
         angle = nodes[:, State.CRANK_ANGLE, None] + nodes[:, State.CRANK_SPEED, None] * steps
         touching = one.contacts[inner][..., 0 if joint == "B" else 2] > 0.0
-        first, second = one.chart.rows[[one.chart.journals[0][0], one.chart.journals[0][1]]]
+        pair = one.chart.journals[0 if joint == "B" else -1]  # C's is the last, where both are loose
+        first, second = one.chart.rows[[pair[0], pair[1]]]
         ex, ey = nodes[:, first], nodes[:, second]
         vx, vy = nodes[:, first + 10], nodes[:, second + 10]
         gap = attempt.fit.values[r, 0]

@@ -193,13 +193,14 @@ def _again(search: Search, one: _Tried, surest: int, limit: float, label: str) -
     The frequency at which it rings shows soon; the path that was begun with another one stays torn.
     """
     hypothesis = one.held[-1]
-    if not (hypothesis.structural(search.setting.with_clearance(3e-4)) and hypothesis.shapes.any()):
+    damped = np.array([unknown.name == "damping_ratio" for unknown in hypothesis.unknowns])
+    if not (hypothesis.structural(search.setting.with_clearance(3e-4)) and damped.any()):
         return one
     for times in _AGAIN:
         if one.misfit < EXPLAINED or search.late():
             break
         row = one.row.copy()
-        row[-1 - len(hypothesis.shapes) : -1][hypothesis.shapes] = times * hypothesis.start[hypothesis.shapes]
+        row[-1 - len(damped) : -1][damped] = times * hypothesis.start[damped]
         again = _on_one(search, one.held, row, surest, limit, f"{label} + {hypothesis.label} again")
         one = min([one, *again], key=lambda one: one.misfit)
     return one

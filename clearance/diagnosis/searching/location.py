@@ -61,8 +61,18 @@ def locate_joint(
     searches = []
     for setting in settings:
         groups = gather(effects, setting.with_clearance(3e-4), setting.joint, recordings[0].channels)
-        searches.append(Search(recordings, alignments, setting, groups, workers, report, deadline, finished))
-        searches[-1].trace()
+        search = Search(recordings, alignments, setting, groups, workers, report, deadline, finished)
+        try:
+            search.trace()
+        except np.linalg.LinAlgError:
+            report(f"with clearance in joint {setting.joint} no path of the mechanism is near the recordings")
+            continue
+        searches.append(search)
+    if not searches:
+        raise InputError(
+            f"{', '.join(one.name for one in recordings)}: channels contradict each other so much that no "
+            "motion of this mechanism is near; is a unit or a scale wrong, or a sensor broken?"
+        )
     tried: list[tuple[Search, Explanation]] = []
     for search in sorted(searches, key=lambda one: float(one.profile.misfit.min())):
         tried.append((search, search.nominal()))

@@ -10,7 +10,7 @@ References: Russell & Norvig 2010, Artificial Intelligence, sec. 3.4.3 (search i
 Smith 1993, IEE Proc. F 140(2) (draws of what is not seen).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -63,12 +63,12 @@ def begin_guide(search: Search, explanation: Explanation) -> None:
     """
     try:
         one = suggest_guide(search)
+        if one is None:
+            return
+        if all(_HEIGHT in recording.channels for recording in search.recordings):
+            explanation.rails = measure_rails(search, one)
     except np.linalg.LinAlgError:
         return
-    if one is None:
-        return
-    if all(_HEIGHT in recording.channels for recording in search.recordings):
-        explanation.rails = measure_rails(search, one)
     held, values = beside(explanation.nominal, [one.hypothesis], np.array([one.value]))
     model = search.setting.model(held)
     values[:, 0] = one.clearance
@@ -116,6 +116,7 @@ def fit_rattling(
     model: Model,
     rows: np.ndarray,
     workers: int,
+    late: Callable[[], bool],
     hypotheses: Sequence[Hypothesis] = (),
     known: Mapping[int, Followed] | None = None,
 ) -> Attempt | None:
@@ -126,12 +127,13 @@ def fit_rattling(
         model: of the machine.
         rows: (recordings, unknowns) to begin with.
         workers: threads.
+        late: whether the time is over: no other island is then tried.
         hypotheses: that the model is of.
         known: recordings that were followed before.
     """
     each = dict(known or {})
     for r, trace in enumerate(traces):
-        found = each.get(r) or _known(trace, model, rows[r])
+        found = each.get(r) or _known(trace, model, rows[r], late)
         if found is None:
             return None
         each[r] = found
@@ -141,7 +143,7 @@ def fit_rattling(
     return refine(hypotheses, model, [each[r][0] for r in order], values, scale_of(misfit), 8, workers)
 
 
-def _known(trace: Trace, model: Model, row: np.ndarray) -> Followed | None:
+def _known(trace: Trace, model: Model, row: np.ndarray, late: Callable[[], bool]) -> Followed | None:
     """Follow a recording with a machine that is known, from whichever island that succeeds."""
     every = []
     for factor in _GAPS if model.shared > _GAP else _GAPS[:1]:  # rails elsewhere show other islands
@@ -150,12 +152,12 @@ def _known(trace: Trace, model: Model, row: np.ndarray) -> Followed | None:
         starts = Start.several(trace, model.held(other), LOOSENESS, _ISLANDS)
         for start in starts:
             found = _followed(start, model, row, _KNOWN)
-            if found is not None:
+            if found is not None or late():
                 return found
         every += starts
     for start in sorted(every, key=lambda start: start.doubt)[: 2 * _ISLANDS]:
         found = _grown(start, model, row)
-        if found is not None:
+        if found is not None or late():
             return found
     return None
 
@@ -165,7 +167,10 @@ def _first(search: Search, model: Model, rows: np.ndarray) -> tuple[int, Followe
     starts = []
     rows = rows.copy()
     for r, row in enumerate(rows):
-        trace = search.retrace(r, model.machine(row))
+        try:
+            trace = search.retrace(r, model.machine(row))
+        except np.linalg.LinAlgError:  # no motion between such rails is near
+            continue
         row[-1] = trace.speed
         starts += [
             (start.doubt, r, start) for start in Start.several(trace, model.held(row), LOOSENESS, _ISLANDS)
@@ -257,4 +262,4 @@ def _everywhere(
     traces = [search.retrace(r, model.machine(followed[1])) for r in range(len(search.recordings))]
     rows = np.repeat(followed[1][None], len(traces), axis=0)
     rows[:, -1] = [trace.speed for trace in traces]
-    return fit_rattling(traces, model, rows, search.workers, held, {first: followed})
+    return fit_rattling(traces, model, rows, search.workers, search.late, held, {first: followed})

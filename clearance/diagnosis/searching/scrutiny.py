@@ -36,10 +36,10 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
     """
     best = explanation.best
     while explained(best) and len(best.hypotheses) < most and unnamed(best.hypotheses) is None:
-        if search.late():
+        if search.late() and explanation.hints:
             return
         found = screen(best, search.others(best), search.workers)
-        explanation.hints = explanation.hints or found.singles
+        explanation.hints = explanation.hints or found.singles  # without a look nothing can be called whole
         sure = [replace(hint, values=_begun(hint)) for hint in found.singles if hint.gain > SURE]
         _refit(search, explanation, best, sure)
         if explanation.best is best:

@@ -93,12 +93,14 @@ class Search:
         limits = [float(one.start[0]) for one in clipped]
         known = np.array([self.clearance, *limits, self.traces[0].speed])
         model = self.setting.model(clipped).only([0, len(known) - 1], known)
-        for _ in range(_GLANCES):
+        for glance in range(_GLANCES + 1):
             values = np.array([[self.clearance, trace.speed] for trace in self.traces])
             self.starts = self.finished.starts(
                 self.traces,
                 lambda values=values: self.begin(self.traces, model, values),  # type: ignore[misc]
             )
+            if glance == _GLANCES:
+                break
             clearance = self.finished.number(
                 "glance",
                 lambda values=values: self.glance(model, values),  # type: ignore[misc]

@@ -46,9 +46,10 @@ def p_value(fall: float, simulated: np.ndarray | None = None) -> float:
 
     Args:
         fall: of the sum of squares.
-        simulated: (N,) falls beside simulations of the machine itself; those of the stored list if ``None``.
+        simulated: (N,) falls beside simulations of the machine itself; those of the stored list if there
+            are none.
     """
-    scores = null_scores() if simulated is None else simulated
+    scores = null_scores() if simulated is None or not len(simulated) else simulated
     return float((1 + np.count_nonzero(scores >= fall)) / (len(scores) + 1))
 
 

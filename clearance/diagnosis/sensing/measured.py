@@ -83,8 +83,17 @@ class Measured:
     period: float = 0.0
 
     @staticmethod
-    def of(recording: Recording, chain: MeasurementChain, name: str) -> "Measured":
-        """Cut a recording; its last incomplete segment is left out."""
+    def of(
+        recording: Recording, chain: MeasurementChain, name: str, held_out: float = 0.0
+    ) -> "Measured":
+        """Cut a recording; its last incomplete segment is left out.
+
+        Args:
+            recording: with at least one channel that the mechanism has.
+            chain: that it came through.
+            name: of it.
+            held_out: share at its end, by which is judged: neither noise nor limits are taken from there.
+        """
         known = [c for c in CHANNELS if c in recording.channels and c in _SIGNAL_OF]
         if not known:
             raise InputError(f"{name}: none of its channels is one that the mechanism has")
@@ -95,16 +104,17 @@ class Measured:
                 f"{name}: {len(values)} samples are too few to follow; "
                 f"give at least {(2 * REACH + 8) * SAMPLES}"
             )
-        alive = [i for i in range(len(known)) if np.ptp(values[:, i]) > 0.0]
+        told = values[: len(values) - round(held_out * len(values))]
+        alive = [i for i in range(len(known)) if np.ptp(told[:, i]) > 0.0]
         if not alive:
             raise InputError(f"{name}: every channel is constant; check the sensors or the columns' names")
         silent = tuple(c for i, c in enumerate(known) if i not in alive)
-        known, values = [known[i] for i in alive], values[:, alive]
+        known, values, told = [known[i] for i in alive], values[:, alive], told[:, alive]
         signals = tuple(_SIGNAL_OF[c] for c in known)
         limits = np.array([
-            limit(values[:, i]) if s < Signal.CRANK_ANGLE else np.inf for i, s in enumerate(signals)
+            limit(told[:, i]) if s < Signal.CRANK_ANGLE else np.inf for i, s in enumerate(signals)
         ])  # fmt: skip
-        sigma = np.array([noise_level(values[:, i], s, limits[i]) for i, s in enumerate(signals)])
+        sigma = np.array([noise_level(told[:, i], s, limits[i]) for i, s in enumerate(signals)])
         cut = values[: segments * SAMPLES].reshape(segments, SAMPLES, len(known))
         weights = filter_weights(chain, SAMPLES, REACH)
         return Measured(

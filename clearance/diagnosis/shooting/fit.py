@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.follow import Follower, alike
 from clearance.diagnosis.shooting.model import Model
 from clearance.diagnosis.shooting.normal_equations import assemble, flatten, solve_bounded, spread
 from clearance.diagnosis.shooting.stretch import Comparison, Pass, Path
@@ -275,7 +275,9 @@ def _step(
         follower.move(one.change((moved - values)[r] / steps), one.chart, first)
     try:
         for row in moved:  # a step from which no derivatives can be taken leads to a dead end
-            model.columns(row)
+            here, (around, _) = model.machine(row), model.columns(row)
+            if not all(one is None or alike(one, here) for one in around):
+                return None
         return compare(followers, model, moved, workers, **options)
     except InputError:  # a law does not take these values
         return None

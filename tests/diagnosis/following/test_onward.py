@@ -98,3 +98,11 @@ def test_only_what_was_lost_is_followed_from_other_places_until_one_follows(
     assert (found is lost) == (not tried)
     if tried:
         assert found.followers == ["x", "a" if late else "c", "z"]
+
+
+def test_what_comes_long_after_the_fitted_stretch_is_not_gone_on_to(monkeypatch):
+    whole = follower()
+    attempt = attempt_on(whole.measured.part(0, FITTED))
+    rest = whole.measured.part(SEGMENTS - HELD, SEGMENTS)
+    monkeypatch.setattr(onward, "_FURTHEST", SEGMENTS - HELD - FITTED - 1)
+    assert go_on(attempt, [Part(rest)], only_speed(attempt), 1) is None

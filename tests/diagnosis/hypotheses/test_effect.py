@@ -251,3 +251,28 @@ def test_one_lobe_is_taken_no_derivative_by():
     model = Setting(NOMINAL, "C").model(worn[:1])  # fewer than one are none that a bearing can have
     machines, _ = model.columns(np.array([1e-4, *worn[0].start, 700.0]))
     assert [machine is None for machine in machines] == [False, False, True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("channels", "turned"),
+    [
+        (("crank_b_axial", "rod_c_axial"), []),  # the other axis was not recorded: no angle can be taken out
+        (("crank_b_axial", "crank_b_transverse"), ["crank_b_axial", "crank_b_transverse"]),
+        (("slider_horizontal",), ["slider_horizontal"]),  # the other axis stands still
+    ],
+)
+def test_only_a_fault_that_can_be_undone_is_a_hypothesis(channels, turned):
+    groups = gather(load_effects(["sensor_misalignment", "sensor_gain"]), NOMINAL, "C", channels)
+    held = [group[0] for group in groups.values()]
+    assert [h.channel for h in held if h.name == "sensor_misalignment"] == turned
+    assert [h.channel for h in held if h.name == "sensor_gain"] == list(channels)
+
+
+def test_all_may_stand_in_a_list_and_what_is_no_mapping_is_refused(tmp_path):
+    assert load_effects(["all"]) == load_effects("all")
+    path = tmp_path / "gravity.yaml"
+    for key, value, called in (("free", ["x"], "mapping"), ("variants", 3, "list")):
+        content = yaml.safe_load((CONFIGURATION / "effect/gravity.yaml").read_text()) | {key: value}
+        path.write_text(yaml.safe_dump(content))
+        with pytest.raises(InputError, match=f"{key} = .* is no {called}"):
+            read_effect(path)

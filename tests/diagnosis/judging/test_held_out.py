@@ -131,3 +131,39 @@ def test_held_out_recordings_are_followed_once_a_fit_and_no_other_is_judged_when
     assert judged.withdrawn == expected
     again = ["nominal"] * 2 if moved else []  # beside the second, and once more at the end
     assert followed == ["gravity", "nominal", *expected[1:], *again]
+
+
+def test_what_is_followed_by_a_clock_is_followed_again_by_another(monkeypatch):
+    nominal, timed, plain = attempt([], 50.0), attempt(["free_form"], 1.0), attempt(["gravity"], 1.05)
+    for each in (nominal, timed, plain):
+        each.label = " + ".join(h.name for h in each.hypotheses) or "nominal"
+        for hypothesis in each.hypotheses:
+            hypothesis.label = hypothesis.name
+    noise = np.random.default_rng(5).standard_normal((4000, 2))
+    asked = []
+
+    def followed(held_out, search, one, beside=None):
+        asked.append((one.label, held_out[0].period))
+        return one
+
+    def innovations(one, joint, floor=None):
+        flat = np.zeros(len(noise))
+        return [
+            Innovations(
+                {"nominal": 0.9}.get(one.label, 1.0) * noise, flat, flat > 0, flat > 0, ("a", "b"), 1e4
+            )
+        ]
+
+    def clocked(one, search, best):
+        return SimpleNamespace(period=0.1 if best is timed else 0.0)
+
+    nominal.fit.level = nominal.misfit
+    monkeypatch.setattr(judging, "explained", lambda one: True)
+    monkeypatch.setattr(judging, "_held_out", followed)
+    monkeypatch.setattr(judging, "_clocked", clocked)
+    monkeypatch.setattr(judging, "ask", lambda *_: None)
+    monkeypatch.setattr(judging, "innovations", innovations)
+    search = SimpleNamespace(report=lambda _: None, setting=SimpleNamespace(joint="C"), late=lambda: False)
+    judge([SimpleNamespace(period=0.0)], search, Explanation(nominal, [timed, plain]))
+    assert ("nominal", 0.1) in asked
+    assert ("nominal", 0.0) in asked  # not what was followed by the first one's clock

@@ -4,12 +4,14 @@ import json
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.mismatch import innovations, interval, root_mean_square
 from clearance.diagnosis.sensing.measured import SAMPLES
 from clearance.diagnosis.shooting.chart import Chart
 from clearance.diagnosis.shooting.follow import EDGE
+from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.layout import STATES
 
@@ -40,3 +42,16 @@ def test_a_perfect_model_scores_one_and_a_run_that_ends_in_no_number_very_much()
     numbers = [root_mean_square(broken), *interval(broken)]
     assert min(numbers) > 1e5
     json.dumps(numbers, allow_nan=False)
+
+
+@pytest.mark.parametrize(("joint", "journal"), [("B", 0), ("C", 1)])
+def test_sliding_is_that_of_the_diagnosed_joint_where_both_are_loose(joint, journal):
+    one = attempt(np.ones((SEGMENTS, SAMPLES, 2)), np.ones((SEGMENTS, SAMPLES, 2)))
+    (found,), (follower,) = one.fit.passes, one.followers
+    found.chart = Chart.of(SliderCrank(joint_b=Joint(2e-4), joint_c=Joint(1e-4)))
+    found.contacts[:] = 1.0
+    first, second = found.chart.rows[list(found.chart.journals[journal][:2])]
+    follower.path.nodes[:, first] = 1.0
+    follower.path.nodes[:, second + 10] = 1e4  # it goes around, along its bearing's wall
+    assert innovations(one, joint)[0].sliding.all()
+    assert not innovations(one, "C" if joint == "B" else "B")[0].sliding.any()
