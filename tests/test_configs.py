@@ -13,7 +13,7 @@ from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.utils import get_object, instantiate
 
-from clearance.commands import CONFIGURATION
+from clearance.commands import CONFIGURATION, _quoted
 from clearance.provenance import describe
 
 COMMANDS = sorted(path.stem for path in CONFIGURATION.glob("*.yaml") if path.stem != "machine")
@@ -59,7 +59,7 @@ def test_the_commands_that_are_shown_are_understood(line):
         overrides.remove("-m")
         (jobs,) = BasicSweeper.split_arguments(OverridesParser.create().parse_overrides(overrides), None)
         overrides = jobs[0]
-    assert composed(module.removeprefix("clearance."), *overrides)
+    assert composed(module.removeprefix("clearance."), *map(_quoted, overrides))
 
 
 @cache
