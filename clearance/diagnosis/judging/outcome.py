@@ -95,10 +95,16 @@ def diagnose(
     """
     for one in (*recordings, *held_out):
         check_length(one)
-    started = time.monotonic()
+    started, searching = time.monotonic(), True
 
     def say(message: str) -> None:
-        report(f"[{time.monotonic() - started:.0f} s] {message}")
+        elapsed = time.monotonic() - started
+        left = (
+            f", at most {max(time_limit - elapsed, 0.0):.0f} left"
+            if searching and time_limit < np.inf
+            else ""
+        )
+        report(f"[{elapsed:.0f} s{left}] {message}")
 
     search, explanation, joints = locate_joint(
         recordings, settings, effects, speed_range, workers, say, started + time_limit, finished
@@ -110,6 +116,7 @@ def diagnose(
     except KeyboardInterrupt:
         search.stopped = "it was interrupted"
         say("interrupted: what was found so far is judged and written; once more ends it at once")
+    searching = False  # what comes now takes as long as it takes, a minute or two at most
     if explanation.rails is not None and not explained(explanation.best):
         explanation.shown = between_rails(search, explanation.rails)
     if simulations:

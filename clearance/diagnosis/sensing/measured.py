@@ -83,9 +83,7 @@ class Measured:
     period: float = 0.0
 
     @staticmethod
-    def of(
-        recording: Recording, chain: MeasurementChain, name: str, held_out: float = 0.0
-    ) -> "Measured":
+    def of(recording: Recording, chain: MeasurementChain, name: str, held_out: float = 0.0) -> "Measured":
         """Cut a recording; its last incomplete segment is left out.
 
         Args:
