@@ -11,7 +11,7 @@ scale ?= reduced
 help:            ## list the targets
 	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 16
 
-# Settings of pip of pip decide between a CPU and a CUDA build of the pinned torch.
+# pip's own settings decide between a CPU and a CUDA build of the pinned torch.
 $(READY): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
