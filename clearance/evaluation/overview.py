@@ -18,6 +18,8 @@ from clearance.simulation.layout import Signal
 
 _CLEARANCES = (1e-4, 4e-4, 8e-4)  # m, shown side by side
 _SPEED = 500.0  # rpm
+_APART = 1500.0  # m/s^2 between two signals
+_SHOWN = 2.5  # of the error that 95 % stay below: what is further off is drawn at the edge
 
 
 def overview(fresh: list[dict[str, Any]], name: str) -> Figure:
@@ -68,8 +70,12 @@ def _draw_signals(axes: Axes) -> None:
         nominal = SliderCrank(drive=SpeedControl(_SPEED))
         machine = replace(nominal, joint_c=replace(nominal.joint_c, clearance=clearance))
         signal = simulate(machine, Integrator("runge_kutta_4", 1e-5, 4), sampling)[:, Signal.ROD_C_TRANSVERSE]
-        axes.plot(time, signal - 1500.0 * row, linewidth=0.7, label=f"{clearance * 1e3:g} mm")
-    axes.set(xlabel="time [ms], one revolution", yticks=[], title="rod at C, transverse, by clearance")
+        axes.plot(time, signal - _APART * row, linewidth=0.7, label=f"{clearance * 1e3:g} mm")
+    axes.plot([118.0, 118.0], [600.0, 1600.0], color="0.2", linewidth=2, solid_capstyle="butt")
+    axes.annotate("1000 m/s²", (116.0, 1000.0), fontsize=9, ha="right")
+    # an impact of the loosest joint may be ten times as high as there is room
+    axes.set(ylim=(-2.0 * _APART - 1800.0, 2000.0), yticks=[])
+    axes.set(xlabel="time [ms], one revolution", title="rod at C, transverse, by clearance")
     axes.legend(loc="lower right", fontsize=8, ncols=3)
 
 
@@ -77,10 +83,21 @@ def _draw_estimates(axes: Axes, fresh: list[dict[str, Any]], name: str) -> None:
     truth, estimate, low, high = (
         np.concatenate([joint[key] for joint in fresh]) * 1e3 for key in ("truth", "estimate", "low", "high")
     )
-    axes.plot([0.0, 1.0], [0.0, 1.0], color="0.5", linewidth=1)
-    bars = np.stack([np.maximum(estimate - low, 0.0), np.maximum(high - estimate, 0.0)])
-    axes.errorbar(truth, estimate, bars, fmt=".", markersize=3, linewidth=0.8, color="#1f4e79")
+    error = (estimate - truth) * 1e3
+    edge = max(_SHOWN * float(np.quantile(np.abs(error), 0.95)), 1e-3)
+    bars = 1e3 * np.stack([np.maximum(estimate - low, 0.0), np.maximum(high - estimate, 0.0)])
+    held = (low <= truth) & (truth <= high)
+    for which, color, text in ((held, "#1f4e79", "true value inside"), (~held, "#c55a11", "outside")):
+        axes.errorbar(
+            truth[which], np.clip(error[which], -edge, edge), bars[:, which], fmt=".", markersize=3,
+            linewidth=0.6, color=color, label=f"{text}: {np.count_nonzero(which)}",
+        )  # fmt: skip
+    axes.axhline(0.0, color="0.5", linewidth=1)
     recordings = fresh[0]["summary"]["recordings"]
-    error = np.abs(estimate - truth).mean() * 1e3
-    axes.set(xlabel="true clearance [mm]", ylabel="estimate with 90 % interval [mm]")
-    axes.set_title(f"{recordings} new recordings: {error:.1f} µm mean error\n{name}", fontsize=10)
+    axes.set(
+        xlabel="true clearance [mm]", ylabel="error with 90 % interval [µm]", ylim=(-1.3 * edge, 1.3 * edge)
+    )
+    axes.legend(loc="upper center", fontsize=8, ncols=2)
+    axes.set_title(
+        f"{recordings} new recordings: {np.abs(error).mean():.1f} µm mean error\n{name}", fontsize=10
+    )
