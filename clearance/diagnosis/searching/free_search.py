@@ -50,6 +50,7 @@ _FITTED = 2  # arguments whose tables are fitted to all recordings
 _SAID = 0.2  # of a force's robust square that may be left where it is a function of another argument
 _NAMED = 3  # named effects that are tried in the place of a table
 _LIKE = 2  # of those that would turn the crank as a table does
+_AS_GOOD = 1.1  # times the misfit of a named effect: a table that leaves no more may be too coarse alone
 _PART = 0.3  # of the base's misfit: a direction that leaves less is not doubted any more
 
 
@@ -185,7 +186,9 @@ def reshape(search: Search, explanation: Explanation, best: Attempt) -> None:
         hypothesis = free_form(curve, joint)
         values = np.array([[row[0], *curve.forces, row[-1]] for row in best.fit.values])
         search.report(f"  in its place, a function of {curve.argument}")
-        search.refit(explanation, [hypothesis], best.followers, values, ANNEALING[3], again=True)
+        found = search.refit(explanation, [hypothesis], best.followers, values, ANNEALING[3], again=True)
+        if found is not None and not explained(explanation.best) and found.misfit < _AS_GOOD * best.misfit:
+            refine_table(search, explanation, curve, found)
         if explained(explanation.best) and unnamed(explanation.best.hypotheses) is not None:
             return
 

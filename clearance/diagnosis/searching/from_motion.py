@@ -25,14 +25,12 @@ _NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built
 
 
 def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
-    """Fit effects that give the torque which the motion needs, where the path is not near.
+    """Fit effects that give the torque which the motion needs.
 
     Returns:
         Two effects that give it together, the best first; see ``begin_pairs``.
     """
     nominal = explanation.nominal
-    if nominal.misfit < NEARLY:
-        return []
     try:
         suggested = suggest_forces(search, search.setting, search.profile.best)
     except np.linalg.LinAlgError:

@@ -58,8 +58,9 @@ def find_explanation(
     torque, a worn bearing, and where the path is far, effects that no linear look can judge; effects and
     faults that promise a good part; in the place of one that explains half, a force of free form. Beside one
     that explains a good part, the next one, and both on paths of their own. Then effects that promised
-    little, since beside a path that is far from right none promises much; forces of free form on the slider,
-    or with which most of one recording is explained; effects that no linear look can judge; faults that
+    little, since beside a path that is far from right none promises much; where the path is near, what gives
+    the torque that the motion needs; forces of free form on the slider, or with which most of one recording
+    is explained; effects that no linear look can judge; faults that
     promised little; pairs of which neither shows without the other; other tables; the best so far on paths of
     its own. A table is put to the test against names. What explains is looked beside for what is small; where
     effects leave more than right ones do, for others that a linear look cannot judge; where nothing takes
@@ -126,7 +127,12 @@ def _search_all(
             deafen(search, explanation, nominal, channel)
 
     def balance() -> None:
-        pushed.extend(begin_balanced(search, explanation))
+        if nominal.misfit >= NEARLY:
+            pushed.extend(begin_balanced(search, explanation))
+
+    def balance_near() -> None:  # there a linear look at names is cheaper, and tables finer here than there
+        if nominal.misfit < NEARLY and not settled(search, explanation, nominal):
+            pushed.extend(begin_balanced(search, explanation))
 
     def plain() -> None:
         widen(search, explanation, nominal, prospects.plain)
@@ -235,8 +241,8 @@ def _search_all(
 
     steps = (
         frame, build_on, cushion, sensor, build_on, balance, build_on, plain, motion, build_on, together,
-        build_on, inside, likely, build_on, reshaped, unlikely, build_on, curve, elsewhere, build_on,
-        share, unlikely_faults, build_on, pair, build_on, other_curve, again, build_on,
+        build_on, inside, likely, build_on, reshaped, unlikely, build_on, balance_near, curve, elsewhere,
+        build_on, share, unlikely_faults, build_on, pair, build_on, other_curve, again, build_on,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):

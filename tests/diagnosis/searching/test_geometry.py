@@ -15,6 +15,7 @@ from clearance.diagnosis.searching.geometry import (
 )
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.sensing.demonstration import record
+from clearance.diagnosis.sensing.instrument import stretch
 from clearance.diagnosis.sensing.measured import Measured, chain_of
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.frame import FlexibleFrame
@@ -30,6 +31,7 @@ EFFECTS = [
     "guide_clearance",
     "sensor_bias",
     "sensor_gain",
+    "timebase",
 ]
 
 
@@ -74,6 +76,18 @@ def test_an_offset_of_one_sensor():
     (found, *_) = suggest_dimensions(search, channels)
     assert (found.hypothesis.name, found.hypothesis.channel) == ("sensor_bias", "rod_c_transverse")
     assert found.value == pytest.approx(60.0, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("clearance", [2e-4, 6e-4])
+def test_a_clock_that_runs_slow_and_the_clearance_that_goes_with_it(clearance):
+    """Beside a wrong clock the motion shows a clearance five times too large."""
+    machine = replace(NOMINAL, joint_c=replace(NOMINAL.joint_c, clearance=clearance))
+    search = traced(machine, lambda channels, values: stretch(values, 0.0477))
+    (found, *_) = suggest_dimensions(search, {})
+    assert found.hypothesis.name == "timebase"
+    assert found.value == pytest.approx(0.0477, rel=0.03)
+    assert found.clearance == pytest.approx(clearance, rel=0.25)
 
 
 @pytest.mark.slow

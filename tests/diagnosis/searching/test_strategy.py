@@ -206,6 +206,20 @@ def fruitless(monkeypatch):
     return strategy
 
 
+@pytest.mark.parametrize(("misfit", "first"), [(10.0, True), (2.5, False)])
+def test_the_balance_of_work_is_asked_first_beside_a_far_path_and_last_beside_a_near_one(
+    monkeypatch, fruitless, misfit, first
+):
+    asked = []
+    monkeypatch.setattr(fruitless + "begin_balanced", lambda *_: asked.append("balance") or [])
+    monkeypatch.setattr(fruitless + "widen", lambda *_: asked.append("names"))
+    monkeypatch.setattr(fruitless + "suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: "curve" in asked)
+    _search_all(search, Explanation(attempt([], misfit)), 3, lambda _: None)
+    assert asked.count("balance") == 1
+    assert asked.index("balance") == (0 if first else asked.index("curve") - 1)
+
+
 @pytest.mark.parametrize(("misfit", "expected"), [(5.3, ["joint_lubrication"]), (9.0, [])])
 def test_one_of_two_that_share_what_is_missing_is_looked_beside_at_last(
     monkeypatch, fruitless, misfit, expected
