@@ -13,7 +13,7 @@ from clearance.diagnosis.searching.beside import HALFWAY, NEARLY
 from clearance.diagnosis.searching.everywhere import fit_from
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import refine_table
-from clearance.diagnosis.searching.geometry import suggest_dimensions
+from clearance.diagnosis.searching.geometry import suggest_clock, suggest_dimensions
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.wear import suggest_wear
 from clearance.diagnosis.searching.work import Balanced
@@ -109,6 +109,14 @@ def begin_beside(search: Search, explanation: Explanation, base: Attempt) -> Non
         found = _follow(search, explanation, setting, force, base.hypotheses, sizes)
         if (found is not None and found.misfit < HALFWAY * base.misfit) or search.late():
             return
+
+
+def begin_clock(search: Search, explanation: Explanation) -> None:
+    """Fit a recorder's clock that the motion surely accuses, on paths sought anew by the right one."""
+    one = suggest_clock(search)
+    if one is not None:
+        size = np.array([one.value])
+        fit_from(search, explanation, explanation.nominal, [one.hypothesis], size, one.clearance, anew=True)
 
 
 def begin_dimensions(search: Search, explanation: Explanation, channels: Mapping[str, float]) -> None:

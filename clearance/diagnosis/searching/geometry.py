@@ -96,12 +96,22 @@ def suggest_dimensions(search: Search, channels: Mapping[str, float]) -> list[Di
             possible = all(left < one.share for one in found if one.hypothesis.fault is None)
         best = _dimension(search, hypothesis) if possible else None
         if best is not None:
-            search.report(
-                f"  the motion agrees with {hypothesis.label} = {best.value:.3g} and a clearance of "
-                f"{best.clearance * 1e3:.3f} mm: {best.share:.0%} of the disagreement are left"
-            )
+            _tell(search, best)
             found.append(best)
     return sorted(found, key=lambda one: one.share)
+
+
+def suggest_clock(search: Search) -> Dimension | None:
+    """A recorder's clock that runs fast or slow, where the motion agrees much better by another one.
+
+    Nothing else alters every channel alike, so that no force is to be looked for before that.
+    """
+    hypothesis = next((group[0] for group in search.groups.values() if group[0].name == _CLOCK), None)
+    best = None if hypothesis is None else _dimension(search, hypothesis)
+    if best is None or best.share > _MISLED:
+        return None
+    _tell(search, best)
+    return best
 
 
 def suggest_guide(search: Search) -> Dimension | None:
@@ -156,6 +166,13 @@ def measure_rails(search: Search, guide: Dimension) -> Rails:
     doubts = [sum(weights) ** -0.5, _SYSTEMATIC * gap, gap - guide.value]  # two ways to tell it may differ
     deviations = np.array([_SYSTEMATIC * guide.clearance, float(np.linalg.norm(doubts))])
     return Rails(guide.clearance, gap, deviations)
+
+
+def _tell(search: Search, one: Dimension) -> None:
+    search.report(
+        f"  the motion agrees with {one.hypothesis.label} = {one.value:.3g} and a clearance of "
+        f"{one.clearance * 1e3:.3f} mm: {one.share:.0%} of the disagreement are left"
+    )
 
 
 def _compared(one: Measured, known: Alignment, machine: SliderCrank) -> Reconstruction:

@@ -19,6 +19,7 @@ from clearance.diagnosis.searching.free_search import fit_curve, name_curve, res
 from clearance.diagnosis.searching.from_motion import (
     begin_balanced,
     begin_beside,
+    begin_clock,
     begin_dimensions,
     begin_pairs,
     begin_wear,
@@ -51,23 +52,23 @@ def find_explanation(
 ) -> None:
     """Find what explains the recordings, with as few effects as it takes.
 
-    A frame that its sensors feel shaking comes first, then a sensor that alone contradicts the nominal
-    machine, or the motion. Where the path is not near, effects follow that give the torque which the motion
-    needs. Then single effects that promise much of what is missing; dimensions and faulty sensors that the
-    motion alone points at; what acts inside the joint, from plausible sizes; where no force gives that
-    torque, a worn bearing, and where the path is far, effects that no linear look can judge; effects and
-    faults that promise a good part; in the place of one that explains half, a force of free form. Beside one
-    that explains a good part, the next one, and both on paths of their own. Then effects that promised
-    little, since beside a path that is far from right none promises much; where the path is near, what gives
-    the torque that the motion needs; forces of free form on the slider, or with which most of one recording
-    is explained; effects that no linear look can judge; faults that
-    promised little; pairs of which neither shows without the other; other tables; the best so far on paths of
-    its own. A table is put to the test against names. What explains is looked beside for what is small; where
-    effects leave more than right ones do, for others that a linear look cannot judge; where nothing takes
-    away what is too much for a machine with nothing missing, effects that a linear look is sure of, then
-    small forces of free form, then effects that it cannot judge, are tried on paths of their own. A named
-    force must stand against one of free form in its place. What is not needed is pruned. A nominal machine
-    that explains is fitted on the path of what explains more.
+    A frame that its sensors feel shaking comes first, then a recorder's clock by which the motion agrees much
+    better, and a sensor that alone contradicts the nominal machine, or the motion. Where the path is not
+    near, effects follow that give the torque which the motion needs. Then single effects that promise much of
+    what is missing; dimensions and faulty sensors that the motion alone points at; what acts inside the
+    joint, from plausible sizes; where no force gives that torque, a worn bearing, and where the path is far,
+    effects that no linear look can judge; effects and faults that promise a good part; in the place of one
+    that explains half, a force of free form. Beside one that explains a good part, the next one, and both on
+    paths of their own. Then effects that promised little, since beside a path that is far from right none
+    promises much; where the path is near, what gives the torque that the motion needs; forces of free form on
+    the slider, or with which most of one recording is explained; effects that no linear look can judge;
+    faults that promised little; pairs of which neither shows without the other; other tables; the best so far
+    on paths of its own. A table is put to the test against names. What explains is looked beside for what is
+    small; where effects leave more than right ones do, for others that a linear look cannot judge; where
+    nothing takes away what is too much for a machine with nothing missing, effects that a linear look is sure
+    of, then small forces of free form, then effects that it cannot judge, are tried on paths of their own. A
+    named force must stand against one of free form in its place. What is not needed is pruned. A nominal
+    machine that explains is fitted on the path of what explains more.
 
     Args:
         search: after its nominal stage.
@@ -125,6 +126,10 @@ def _search_all(
         if channel is not None:
             deafened.append(channel)
             deafen(search, explanation, nominal, channel)
+
+    def clock() -> None:
+        if nominal.misfit > FAR:
+            begin_clock(search, explanation)
 
     def balance() -> None:
         if nominal.misfit >= NEARLY:
@@ -240,9 +245,9 @@ def _search_all(
             begin_again(search, explanation)
 
     steps = (
-        frame, build_on, cushion, sensor, build_on, balance, build_on, plain, motion, build_on, together,
-        build_on, inside, likely, build_on, reshaped, unlikely, build_on, balance_near, curve, elsewhere,
-        build_on, share, unlikely_faults, build_on, pair, build_on, other_curve, again, build_on,
+        frame, build_on, cushion, clock, sensor, build_on, balance, build_on, plain, motion, build_on,
+        together, build_on, inside, likely, build_on, reshaped, unlikely, build_on, balance_near, curve,
+        elsewhere, build_on, share, unlikely_faults, build_on, pair, build_on, other_curve, again, build_on,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):

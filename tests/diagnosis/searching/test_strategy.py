@@ -74,6 +74,7 @@ def test_a_sensor_that_the_motion_accuses_comes_before_forces(monkeypatch, misfi
         strategy + "look", lambda *_: SimpleNamespace(plain=[], likely=[], unlikely=[], pairs=[])
     )
     monkeypatch.setattr(strategy + "glaring", lambda _: None)
+    monkeypatch.setattr(strategy + "begin_clock", lambda *_: None)
     monkeypatch.setattr(strategy + "suggest_channels", lambda _: {"rod_b_axial": left})
     monkeypatch.setattr(strategy + "deafen", lambda *of: asked.append(of[3]))
     monkeypatch.setattr(strategy + "begin_balanced", lambda *_: asked.append("balance") or [])
@@ -134,7 +135,7 @@ def test_two_parts_that_do_not_explain_are_followed_on_paths_of_their_own(monkey
 
     strategy = "clearance.diagnosis.searching.strategy."
     prospects = SimpleNamespace(plain=[], likely=[], unlikely=[], pairs=[])
-    for name in ("glaring", "enlarge", "reshape", "begin_elsewhere"):
+    for name in ("glaring", "enlarge", "reshape", "begin_elsewhere", "begin_clock"):
         monkeypatch.setattr(strategy + name, lambda *_: None)
     monkeypatch.setattr(strategy + "look", lambda *_: prospects)
     monkeypatch.setattr(strategy + "widen", widen)
@@ -152,7 +153,7 @@ def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkey
         for name in ("slider_offset", "worn_bearing", "guide_friction")
     ]
     strategy = "clearance.diagnosis.searching.strategy."
-    for name in ("glaring", "enlarge", "reshape", "begin_elsewhere", "begin_again"):
+    for name in ("glaring", "enlarge", "reshape", "begin_elsewhere", "begin_again", "begin_clock"):
         monkeypatch.setattr(strategy + name, lambda *_: None)
     none = SimpleNamespace(plain=[], likely=[], unlikely=[], pairs=[])
     monkeypatch.setattr(
@@ -194,7 +195,7 @@ def fruitless(monkeypatch):
     strategy = "clearance.diagnosis.searching.strategy."
     for name in (
         "glaring", "enlarge", "reshape", "begin_elsewhere", "begin_again", "begin_inside", "begin_guide",
-        "begin_dimensions", "begin_wear", "begin_plausible", "widen", "fit_curve",
+        "begin_clock", "begin_dimensions", "begin_wear", "begin_plausible", "widen", "fit_curve",
     ):  # fmt: skip
         monkeypatch.setattr(strategy + name, lambda *_: None)
     for name in ("begin_balanced", "begin_pairs"):
