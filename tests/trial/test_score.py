@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clearance.evaluation.results import marks
 from clearance.trial import pictures
 from clearance.trial.case import Case, Session
 from clearance.trial.claim import correlation
@@ -260,22 +261,27 @@ def test_published_trials_are_listed_newest_first():
     assert "| 48 | 0 | 0 of 5 | 21 of 22 | 1 of 4 | 37 of 39 | 12 of 13 |" in row
 
 
-@pytest.mark.slow
 def test_a_small_trial_of_the_tool_itself(tmp_path):
     """One null, one effect, one force outside the list: concealed, diagnosed, revealed, scored."""
     settings = (
         "seed=7", "folder=trial", "sealed=sealed", "parallel=2", "time_limit=600", "hydra.run.dir=run",
         "scope.cases=3", "scope.shares={none: 1, effect: 1, instrument: 0, pair: 0, outside: 1, left_out: 0}",
-        "scope.noise=[[0.01,1]]", "scope.sensors={all: 1, seven: 0, rod: 0}", "results=published/trial.json",
+        "scope.items=[gravity,slider_by_velocity]", "scope.sizes=[2]", "scope.seconds=[0.5,0.5]",
+        "scope.noise=[[0.01,1]]", "scope.sensors={all: 1, seven: 0, rod: 0}", "scope.encoder=1",
+        "scope.known_frame=0", "scope.clearance_range=[5e-5,2e-4]", "results=published/trial-7.json",
+        "history=page.md",
     )  # fmt: skip
+    (tmp_path / "page.md").write_text("\n".join(marks("trials", "trial")))
     done = subprocess.run(
         command("trial", *settings), cwd=tmp_path, env=environment(), capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     assert "commitment SHA-256" in done.stdout
     assert done.stdout.index("commitment SHA-256") < done.stdout.index("verdicts committed")
-    summary = json.loads((tmp_path / "published/trial.json").read_text())
+    summary = json.loads((tmp_path / "published/trial-7.json").read_text())
     assert summary["seed"] == 7
-    assert summary["false_alarms"]["count"] == 0
-    assert summary["detected"]["of"] - summary["detected"]["count"] <= summary["without_verdict"]
+    assert summary["without_verdict"] == 0
+    for score, expected in (("false_alarms", 0), ("first_and_alone", 1), ("unknown_with_body", 1)):
+        assert (summary[score]["count"], summary[score]["of"]) == (expected, 1), score
     assert (tmp_path / "trial/power.png").stat().st_size > 5000
+    assert "| [7](published/trial-7.json) | 3 | 0 | 0 of 1 | 1 of 1 |" in (tmp_path / "page.md").read_text()
