@@ -132,4 +132,4 @@ def test_a_plugin_that_is_not_installed_is_one_line(home):
     done = launch("train", "-m", *BRIEF, "hydra/launcher=ray", folder=home)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "Could not find 'hydra/launcher/ray'" in done.stderr
-    assert shlex.quote("clearance[sweeps]") in done.stderr
+    assert shlex.quote(".[sweeps]") in done.stderr

@@ -62,7 +62,10 @@ def test_the_same_truth_sealed_twice_has_two_commitments(tmp_path):
 
 def test_a_concealment_is_made_once_and_another_scope_is_refused(trial):
     before = read_json(trial.folder / COMMITMENT)
-    assert conceal(SCOPE, None, trial.folder, trial.sealed, 1, pytest.fail) == before
+    said: list[str] = []
+    assert conceal(SCOPE, None, trial.folder, trial.sealed, 1, said.append) == before
+    assert len(said) == 1  # another seed would not be drawn from
+    assert "with the seed it was drawn from" in said[0]
     other = type(SCOPE)(**{**vars(SCOPE), "cases": 5})
     with pytest.raises(InputError, match="drawn otherwise; choose another folder"):
         conceal(other, None, trial.folder, trial.sealed, 1, pytest.fail)
