@@ -128,7 +128,9 @@ def results(found: Mapping[Training, Finished], pictures: Mapping[str, str]) -> 
         "# Results\n",
         "Made by `python -m clearance.evaluate report=RESULTS.md` (`make study`) from the files of finished "
         "trainings; do not edit.\n",
-        _scale(list(found.values()), "Every table") if found else "No training is finished.\n",
+        _scale(list(found.values()), "Every table before the figures")
+        if found
+        else "No training is finished.\n",
         _NOTES,
     ]
     for experiment, title in TITLES.items():
