@@ -30,7 +30,7 @@ from clearance.diagnosis.report import write_report
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.significance import ENOUGH
 from clearance.diagnosis.sensing.demonstration import CLEARANCE, demonstration
-from clearance.diagnosis.sensing.measured import Measured, chain_of
+from clearance.diagnosis.sensing.measured import SAMPLES, Measured, chain_of, segments_before
 from clearance.errors import InputError
 from clearance.mechanism.description import write_mechanism
 from clearance.recording.bounds import listing
@@ -174,8 +174,9 @@ def _load(
             "needed to follow the mechanism; change sensors or recordings"
         )
     apart = 0.0 if others else _HELD_OUT
+    told = {name: segments_before(len(one.values), apart) for name, one in everything.items()}
     silent = {
-        name: tuple(c for c in shared if np.ptp(recording.channel(c)[: _told(recording, apart)]) == 0.0)
+        name: tuple(c for c in shared if np.ptp(recording.channel(c)[: told[name] * SAMPLES]) == 0.0)
         for name, recording in everything.items()
     }
     heard = [c for c in shared if not any(c in mute for mute in silent.values())] or shared
@@ -187,16 +188,10 @@ def _load(
     }
     if others:
         return [measured[name] for name in named], [measured[name] for name in others]
-    cuts = {name: int((1.0 - _HELD_OUT) * len(measured[name].values)) for name in named}
     return (
-        [measured[name].part(0, cut) for name, cut in cuts.items()],
-        [measured[name].part(cut, len(measured[name].values)) for name, cut in cuts.items()],
+        [measured[name].part(0, told[name]) for name in named],
+        [measured[name].part(told[name], len(measured[name].values)) for name in named],
     )
-
-
-def _told(recording: Recording, held_out: float) -> int:
-    """Samples before those by which is judged."""
-    return len(recording.values) - round(held_out * len(recording.values))
 
 
 def _files(key: str, paths: Any, held_out: Sequence[Path] = ()) -> list[Path]:

@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Sequence
 from datetime import date
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ BASELINES = {
     "two_sample": "two-sample test",
 }
 _BESIDE = "baselines"
+_PUBLISHED = "trial-*.json"
 
 
 @command("trial")
@@ -44,6 +46,7 @@ def main(cfg: DictConfig) -> None:
             raise InputError(f"{name} = {cfg[name]!r} is not a whole number, 1 or more; change {name}")
     if cfg.seed is not None and (isinstance(cfg.seed, bool) or not isinstance(cfg.seed, int) or cfg.seed < 0):
         raise InputError(f"seed = {cfg.seed!r} is not a whole number, 0 or more, or null; change seed")
+    _check_history(cfg.history, cfg.results)
     methods = _methods(cfg.baselines)
     part = shard(cfg.shard)
     folder, sealed, parallel = Path(cfg.folder), Path(cfg.sealed), int(cfg.parallel)
@@ -79,7 +82,8 @@ def main(cfg: DictConfig) -> None:
                 if beside:
                     _publish(content[0], beside, "baselines", cfg.results, cfg.readme)
                 if cfg.history is not None:
-                    _list_all(Path(cfg.history), cfg.results)
+                    page = Path(cfg.history)
+                    _renew(page, "trials", _beside(page, Path(cfg.results)))
         if loop is not None and cfg.stage != "reveal":
             closed = close_loop(cases, folder, loop, parallel, log.info)
             _publish(*_write_loop(folder, facts, closed), "loop", cfg.results, cfg.readme)
@@ -146,20 +150,40 @@ def _publish(content: dict[str, Any], text: str, block: str, results: str | None
         _renew(Path(readme), block, text)
 
 
-def _list_all(page: Path, results: str | None) -> None:
-    """Renew the page's table of all trials that are published beside this one."""
-    if results is None:
-        raise InputError(f"history = {page} lists the trials beside results, which is null; set results")
-    beside = {
-        os.path.relpath(path, page.parent): read_json(path, "results")
-        for path in Path(results).parent.glob("trial-*.json")
+def _check_history(history: str | None, results: str | None) -> None:
+    """What would make the list of trials fail is said before the hours that a trial takes, not after them."""
+    if history is None:
+        return
+    if results is None or not fnmatch(Path(results).name, _PUBLISHED):
+        raise InputError(
+            f"history = {history} lists the files {_PUBLISHED} beside results, which is {results!r}; "
+            "set results to one of them"
+        )
+    if not Path(history).is_file():
+        raise InputError(f"history = {history}: there is no such page; change history")
+    _renewed(Path(history), "trials", _beside(Path(history), Path(results)))
+
+
+def _beside(page: Path, results: Path) -> str:
+    """The table of all trials that are published beside one."""
+    found = {
+        os.path.relpath(p, page.parent): read_json(p, "results") for p in results.parent.glob(_PUBLISHED)
     }
-    _renew(page, "trials", history(beside))
+    undated = [name for name, one in found.items() if "date" not in one]
+    if undated:
+        raise InputError(
+            f"history: {undated[0]} has no date, which an older version left out; add it, or move it"
+        )
+    return history(found)
 
 
 def _renew(page: Path, block: str, text: str) -> None:
-    renewed = put_between_marks(page.read_text(encoding="utf-8"), block, text, "trial")
+    renewed = _renewed(page, block, text)
     write_atomically(page, lambda file: file.write_text(renewed, encoding="utf-8"))
+
+
+def _renewed(page: Path, block: str, text: str) -> str:
+    return put_between_marks(page.read_text(encoding="utf-8"), block, text, "trial")
 
 
 if __name__ == "__main__":

@@ -283,6 +283,7 @@ def test_killed_and_resumed_nothing_is_asked_twice(trial, how):
         ("baselines=[guess]", "baselines: 'guess' is unknown; choose from trajectory, sparse, two_sample"),
         ("stage=loop", "choose experiment=closed_loop, or set loop"),
         ("arguments=[time_limit=400]", "a value with = needs quotes"),
+        ("history=page.md", "history = page.md lists .* beside results, which is None; set results"),
     ],
 )
 def test_a_wrong_input_is_one_line(monkeypatch, capfd, tmp_path, override, words):

@@ -229,7 +229,8 @@ def gather(
     for effect in effects:
         for variant in effect.variants(channels):
             if effect.kind == "instrument":
-                trials = [one for one in [of_fault(variant, machine, joint)] if _undone(one, channels)]
+                fault = of_fault(variant, machine, joint)
+                trials = [fault] if _can_be_undone(fault, channels) else []
             else:
                 try:
                     trials = of_effect(variant, machine, joint)
@@ -240,7 +241,7 @@ def gather(
     return found
 
 
-def _undone(hypothesis: Hypothesis, channels: Sequence[str]) -> bool:
+def _can_be_undone(hypothesis: Hypothesis, channels: Sequence[str]) -> bool:
     """Whether a fault can be taken out of what was recorded: an axis alone cannot be turned back."""
     assert hypothesis.fault is not None
     instrument = hypothesis.fault(Instrument(), hypothesis.start)

@@ -40,9 +40,7 @@ _RAILED = 0.6  # likewise, between the right rails
 _SHOWN = 5.0  # times the noise: what a slider that leaves its line shows
 _SYSTEMATIC = 0.1  # of a clearance or a gap: a shoe that tilts lies elsewhere than one that does not
 _CLOSER = 8  # sizes that are compared around the best one
-_TURNS = (
-    3  # while it helps: beside a clock that is wrong by a third less the clearance was five times too large
-)
+_TURNS = 3  # while it helps; beside a wrong clock the motion shows a clearance five times too large
 
 
 @dataclass(frozen=True)

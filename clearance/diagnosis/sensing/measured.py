@@ -102,7 +102,7 @@ class Measured:
                 f"{name}: {len(values)} samples are too few to follow; "
                 f"give at least {(2 * REACH + 8) * SAMPLES}"
             )
-        told = values[: len(values) - round(held_out * len(values))]
+        told = values[: SAMPLES * segments_before(len(values), held_out)]
         alive = [i for i in range(len(known)) if np.ptp(told[:, i]) > 0.0]
         if not alive:
             raise InputError(f"{name}: every channel is constant; check the sensors or the columns' names")
@@ -259,3 +259,8 @@ def noise_level(values: np.ndarray, signal: int, limit: float = np.inf) -> float
     if signal == Signal.CRANK_ANGLE:
         estimate = max(estimate, 2.0 * np.pi / ENCODER_COUNTS / np.sqrt(12.0))
     return float(max(estimate, 1e-6 * max(values.std(), 1e-6)))
+
+
+def segments_before(samples: int, held_out: float) -> int:
+    """Whole segments of a recording before the share at its end by which is judged."""
+    return int((1.0 - held_out) * (samples // SAMPLES))
