@@ -13,7 +13,7 @@ from clearance.simulation.batch import run_batch
 from clearance.simulation.failure import Failure
 from clearance.simulation.gpu.batch import require_gpu, run_batch_on_gpu
 
-_COMPARED, _COMPARED_SECONDS = 64, 0.02  # runs, and time from rest: long before chaos parts them
+_COMPARED, _COMPARED_SECONDS = 200, 0.02  # runs, and time from rest: long before chaos parts them
 
 
 def measure_gpu(campaign: Campaign, workers: int, runs: int) -> dict[str, Any]:

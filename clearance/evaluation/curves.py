@@ -7,11 +7,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from clearance.evaluation.figures import new_figure
+from clearance.models.run_folder import hardware
 
 Row = Mapping[str, Any]
 _MODEL = "tcn on rod, joint C"
 _LENGTH = 200  # samples of a window, unless it is what changes
 _RUNS = 300  # likewise
+_EPOCHS = 30  # of the recipe: more of them would make another curve
 _ALIKE = {"by_runs": ("by_runs", "quick", "best"), "by_window": ("by_window", "quick")}  # the same recipe
 EXPERIMENTS = tuple(_ALIKE)
 _HEADS = ("NMAE, window", "NRMSE, window", "95 % of errors below", "NMAE, recording", "training")
@@ -37,9 +39,9 @@ def markdown(rows: Sequence[Row]) -> str:
         (by_window(rows), "window", "samples a window", "the length of a window (`experiment=by_window`)"),
     ):
         if len(own) > 1:
-            hardware = ", ".join(sorted({_hardware(row) for row in own}))
+            machines = ", ".join(sorted({hardware(row["environment"]) for row in own}))
             lines = [
-                f"By {text}; {_MODEL}, one training each, errors on its test recordings; {hardware}.\n",
+                f"By {text}; {_MODEL}, one training each, errors on its test recordings; {machines}.\n",
                 f"| {head} | {' | '.join(_HEADS)} |",
                 "| --- " * (1 + len(_HEADS)) + "|",
                 *(f"| {row[key]} | {_errors(row)} |" for row in own),
@@ -81,7 +83,7 @@ def _alike(rows: Sequence[Row], experiment: str) -> list[Row]:
     found: dict[tuple[int, int], Row] = {}
     for name in _ALIKE[experiment]:
         for row in rows:
-            if row["experiment"] == name and row["name"] == _MODEL:
+            if (row["experiment"], row["name"], row["epochs"]) == (name, _MODEL, _EPOCHS):
                 found.setdefault((row["recordings"], row["window"]), row)
     return list(found.values())
 
@@ -93,8 +95,3 @@ def _errors(row: Row) -> str:
         f"{test['recording_nmae']:.3f} %", f"{row['training_seconds'] / 60:.1f} min",
     )  # fmt: skip
     return " | ".join(cells)
-
-
-def _hardware(row: Row) -> str:
-    environment = row["environment"]
-    return environment["gpu"] or f"{environment['processor']}, {environment['threads']} threads"

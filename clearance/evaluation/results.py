@@ -6,7 +6,7 @@ from typing import Any
 
 from clearance.errors import InputError
 from clearance.evaluation.fresh import read_fresh
-from clearance.models.run_folder import CONFIG, METRICS
+from clearance.models.run_folder import CONFIG, METRICS, hardware
 from clearance.whole_files import read_json, read_yaml
 
 
@@ -46,7 +46,10 @@ def with_recorded(rows: Sequence[dict[str, Any]], record: Path) -> list[dict[str
 
 
 def _key(row: dict[str, Any]) -> tuple[Any, ...]:
-    return tuple(row[key] for key in ("experiment", "name", "recordings", "window", "seed", "split_seed"))
+    return tuple(row[key] for key in _TRAINING)
+
+
+_TRAINING = ("experiment", "name", "recordings", "epochs", "window", "seed", "split_seed")
 
 
 def _row(run: Path) -> dict[str, Any]:
@@ -56,6 +59,7 @@ def _row(run: Path) -> dict[str, Any]:
         "name": config.get("name", run.name),
         "experiment": run.parent.name,
         "recordings": metrics["data"]["recordings"],
+        "epochs": config["model"].get("training", {}).get("epochs"),  # a forest has none
         "window": config["windows"]["length"],
         "parameters": metrics["parameters"],
         "seed": metrics["seed"],
@@ -72,6 +76,7 @@ _HEAD = (
     "experiment",
     "model",
     "recordings",
+    "epochs",
     "NMAE, window",
     "NRMSE, window",
     "95 % of errors below",
@@ -94,12 +99,13 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
         row["experiment"],
         row["name"],
         str(row["recordings"]),
+        str(row["epochs"] or ""),
         f"{test['nmae']:.2f} %",
         f"{test['nrmse']:.2f} %",
         f"{test['p95_ae'] * 1e6:.1f} µm",
         f"{test['recording_nmae']:.2f} %",
         ", ".join(held.format(**joint) for joint in fresh) or "not measured",
-        f"{row['training_seconds'] / 60:.1f} min",
+        f"{row['training_seconds'] / 60:.1f} min, {hardware(row['environment'])}",
     )
 
 

@@ -2,6 +2,7 @@
 
 import platform
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -118,6 +119,11 @@ def environment() -> dict[str, Any]:
         "python": platform.python_version(),
         "packages": {name: metadata.version(name) for name in packages},
     }
+
+
+def hardware(environment: Mapping[str, Any]) -> str:
+    """What computed, of an ``environment``: the GPU, or the processor and its threads."""
+    return environment["gpu"] or f"{environment['processor']}, {environment['threads']} threads"
 
 
 def _processor() -> str:

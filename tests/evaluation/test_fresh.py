@@ -71,10 +71,12 @@ def finished(folder, name, nmae):
     scores = {"nmae": nmae, "nrmse": 2 * nmae, "p95_ae": 1e-5, "recording_nmae": nmae / 2}
     metrics = {
         "data": {"recordings": 10}, "parameters": 5, "seed": 1, "split_seed": 2, "training_seconds": 60.0,
-        "environment": {}, "validation": scores, "test": scores,
+        "environment": {"gpu": "a GPU"}, "validation": scores, "test": scores,
     }  # fmt: skip
     (folder / "metrics.json").write_text(json.dumps(metrics))
-    (folder / "config.yaml").write_text(f"name: {name}\nwindows: {{length: 200}}\n")
+    (folder / "config.yaml").write_text(
+        f"name: {name}\nwindows: {{length: 200}}\nmodel: {{training: {{epochs: 30}}}}\n"
+    )
 
 
 def test_the_table_is_made_from_the_runs_files(tmp_path):
@@ -84,7 +86,8 @@ def test_the_table_is_made_from_the_runs_files(tmp_path):
     assert [row["name"] for row in rows] == ["better", "worse"]
     table = markdown(rows)
     assert "1.00 %" in table
-    assert "not measured" in table
+    assert "| 10 | 30 | 1.00 % |" in table
+    assert "not measured | 1.0 min, a GPU |" in table
     begin, end = marks("results")
     text = put_between_marks(f"head\n{begin}\nformerly\n{end}\ntail\n", "results", table)
     assert "formerly" not in text

@@ -17,6 +17,7 @@ from clearance.evaluation.paper.trainings import (
     reductions,
     trainings_of,
 )
+from clearance.models.run_folder import hardware
 from clearance.whole_files import write_atomically, write_json
 
 _CURVES = "curves"
@@ -156,7 +157,7 @@ def results(found: Mapping[Training, Finished], pictures: Mapping[str, str]) -> 
 def _scale(runs: Sequence[Finished], what: str) -> str:
     """What was reduced, on what hardware, with which seeds, when."""
     different = reductions(runs)
-    hardware = sorted({_hardware(run) for run in runs})
+    machines = sorted({_hardware(run) for run in runs})
     begin, end = (pick(run.date for run in runs) for pick in (min, max))
     lines = [f"**Scale: {'reduced' if different else 'as in the paper'}.**"]
     if different:
@@ -172,7 +173,7 @@ def _scale(runs: Sequence[Finished], what: str) -> str:
     return "\n".join(
         [
             *lines, "",
-            f"{len(runs)} trainings, {begin} to {end}, on {'; '.join(hardware)}. Seeds of the splits: "
+            f"{len(runs)} trainings, {begin} to {end}, on {'; '.join(machines)}. Seeds of the splits: "
             f"{_listed(splits)}; of the initial weights: {_listed(seeds)}; of the simulated recordings: "
             f"{_listed(sorted({run.data_seed for run in runs}))}.\n",
         ]
@@ -184,15 +185,13 @@ def _short_scale(runs: Sequence[Finished]) -> str:
     scale = "Reduced scale" if reductions(runs) else "Full scale"
     days = " to ".join(dict.fromkeys(pick(run.date for run in runs) for pick in (min, max)))
     splits = _listed(sorted({run.metrics["split_seed"] for run in runs}))
-    hardware = _listed(sorted({_hardware(run) for run in runs}))
-    return f"{scale}: {recordings} recordings, splits {splits}; {hardware}; {days}"
+    machines = _listed(sorted({_hardware(run) for run in runs}))
+    return f"{scale}: {recordings} recordings, splits {splits}; {machines}; {days}"
 
 
 def _hardware(run: Finished) -> str:
     environment = run.metrics["environment"]
-    processor = f"{environment['processor']}, {environment['threads']} threads"
-    torch = f"torch {environment['packages']['torch']}"
-    return f"{environment['gpu'] or processor} ({torch})"
+    return f"{hardware(environment)} (torch {environment['packages']['torch']})"
 
 
 def _listed(values: Sequence[Any]) -> str:

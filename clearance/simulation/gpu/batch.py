@@ -1,8 +1,9 @@
 """Many runs on a GPU, one a thread, as many at a time as its memory holds."""
 
+import logging
 import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from importlib.util import find_spec
 
 import numpy as np
@@ -44,6 +45,8 @@ def require_gpu() -> None:
         )
     from numba import cuda
 
+    # Hydra shows INFO, by which Numba's driver says each piece of memory that it takes and frees.
+    logging.getLogger("numba").setLevel(logging.WARNING)
     if not cuda.is_available():
         raise InputError(
             "device = cuda needs an NVIDIA GPU with its driver, and CUDA's compiler, which comes with "
@@ -91,6 +94,7 @@ def _run_alike(
 ) -> None:
     """Run machines of the same laws."""
     from numba import cuda
+    from numba.cuda.cudadrv.driver import device_memset
 
     from clearance.simulation.gpu.kernel import make_kernel
 
@@ -105,6 +109,9 @@ def _run_alike(
     ]
     saved, work = cuda.device_array((STATES, size)), cuda.device_array((rows, size))
     out = cuda.device_array((size, sampling.samples, SIGNALS))
+    device_memset(out, 0, out.nbytes)  # the kernel leaves silent signals out
+    # Memory that the GPU reaches by itself, used again and again: a fresh page costs more than its transfer.
+    host = [cuda.pinned_array((min(size, _AT_HOST), sampling.samples, SIGNALS)) for _ in range(2)]
     when = (integrator, sampling)
     for begin in range(0, len(alike), size):
         runs = alike[begin : begin + size]
@@ -117,15 +124,19 @@ def _run_alike(
             len(runs), cuda.to_device(p), cuda.to_device(s), saved, work, *arguments, out
         )
         last = saved.copy_to_host()
+        given: list[Future[None]] = []
         for there in range(0, len(runs), _AT_HOST):
-            signals = out[there : min(there + _AT_HOST, len(runs))].copy_to_host()
-            signals[:, :, sorted(silent)] = 0.0  # the kernel leaves them out
-            futures = [
+            signals, ahead = host[0][: min(_AT_HOST, len(runs) - there)], given
+            out[there : there + len(signals)].copy_to_host(signals)
+            given = [
                 pool.submit(hand_over, sink, run, machines[run], signals[i], last[:, there + i].copy(), *when)
                 for i, run in enumerate(runs[there : there + len(signals)])
             ]
-            for future in futures:
+            for future in ahead:  # while the other memory was filled
                 future.result()
+            host.reverse()
+        for future in given:
+            future.result()
 
 
 def _runs_at_a_time(rows: int, samples: int) -> int:
