@@ -70,3 +70,16 @@ def test_a_model_of_any_location_is_trained_and_says_where_the_clearance_is(mode
         at_b, at_c = (one["has_clearance"] for one in said if one["path"] == path)
         assert f"{path}: clearance in {LOCATIONS[at_b + 2 * at_c]}\n" in written
         assert len(re.findall(rf"^{path} +[BC] +0\.\d{{4}} ", written, re.MULTILINE)) == 2
+
+
+def test_where_both_joints_are_loose_both_are_estimated(home, monkeypatch, capfd):
+    monkeypatch.chdir(home)
+    settings = MODELS["random_forest"]
+    code, error = call(monkeypatch, capfd, "train", *settings, "joint=both", "hydra.run.dir=loose")
+    assert code == 0, error
+    test = json.loads((home / "loose/metrics.json").read_text())["test"]
+    assert {"nmae_b", "nmae_c"} < test.keys()
+    asked = ("checkpoint=loose", "recordings=[0.parquet]", "output=loose.json")
+    code, error = call(monkeypatch, capfd, "predict", *asked)
+    assert code == 0, error
+    assert [one["joint"] for one in json.loads((home / "loose.json").read_text())] == ["B", "C"]
