@@ -28,7 +28,7 @@ _ELSEWHERE = (DRIVE, "second_clearance", "rod_flexibility", FRAME, LOOSE_GUIDE)
 _OUTSIDE = ("crank", "rod", "slider")  # what acts there does work
 _FILM, _FRICTION = "joint_lubrication", "joint_friction"
 _INSIDE = (_FRICTION, "contact_stiffness", "restitution")
-_RESISTING = (1.0, 0.2, 5.0)  # N s/m in the middle of the gap, from which a table of resistance begins
+_RESISTING = (1.0, 0.2, 5.0, 0.03)  # N s/m in the middle of the gap, from which a table of resistance begins
 _RUBBING = (0.1, 0.25, 0.03)  # coefficients from which a table of friction begins
 _EDGED = "process_load"  # at one place of many: a size alone says nothing
 
@@ -112,7 +112,14 @@ def begin_inside(search: Search, explanation: Explanation) -> None:
     tables = [] if films else [[free_form(resisting(joint, size), joint) for size in _RESISTING]]
     if all(g[0].name != _FRICTION for g in search.groups.values()):
         tables.append([free_form(rubbing(joint, size), joint) for size in _RUBBING])
-    _try_out(search, explanation, nominal, [*films, *tables, *groups], clearance)
+    _try_out(
+        search,
+        explanation,
+        nominal,
+        [*films, *tables, *groups],
+        clearance,
+        len(_RESISTING),
+    )
 
 
 def _try_out(
@@ -121,8 +128,12 @@ def _try_out(
     base: Attempt,
     groups: Sequence[Sequence[Hypothesis]],
     clearance: float | None,
+    most: int = _TRIALS,
 ) -> None:
-    """Try hypotheses on one recording, fit the best to all; from a clearance [m], or that of ``base``."""
+    """Try hypotheses on one recording, fit the best to all; from a clearance [m], or that of ``base``.
+
+    Of each group ``most`` plausible shapes or sizes are tried.
+    """
     surest = int(np.argmin([start.doubt for start in search.starts]))
     limit, good = max(base.misfits[surest], POOR), enough(base, surest)
     little = min(EXPLAINED, 1.0 + _LEFT * (base.misfits[surest] - 1.0)) if explained(base) else EXPLAINED
@@ -137,7 +148,7 @@ def _try_out(
 
     for group in groups:
         own: list[_Tried] = []
-        for hypothesis in _of_other_sizes(group)[:_TRIALS]:
+        for hypothesis in _of_other_sizes(group)[:most]:
             if search.late():
                 return
             held, values = beside(base, [hypothesis], hypothesis.start)

@@ -14,12 +14,15 @@ from clearance.diagnosis.searching.screening import Hint, screen
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import SURE, margin, unsettled
 from clearance.diagnosis.searching.torn import rejoin_impacts
+from clearance.diagnosis.searching.wear import WORN
 from clearance.diagnosis.searching.widen import kinds
 from clearance.diagnosis.sensing.suspicion import disagreement
 
 _FITTED = 4  # hypotheses of one screening that are fitted
 _LOUD = 1.1  # sigma that a channel is off by, where no sensor's fault is to be looked for below
 _LEFT = 0.3  # of it: a fault that is right leaves less
+_RIVAL = 0.5  # of what lobes promise: others that promise less are not tried
+_TURNS = 0.5 * np.pi * np.arange(4)  # of lobes' phase from what a linear look says
 _ONSET = 0.01  # of what a linear look promises, to begin with
 
 
@@ -47,6 +50,7 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
         if explanation.best is best:
             _refit(search, explanation, best, rejoin_impacts(search, best))
         _compare_kinds(search, explanation, best)
+        _compare_orders(search, explanation, best)
         if explanation.best is best or (best is explanation.nominal and unsettled(explanation)):
             return
         best = explanation.best
@@ -83,6 +87,39 @@ def _compare_kinds(search: Search, explanation: Explanation, base: Attempt) -> N
         search.refit(explanation, held, base.followers, rows, base.scale, 20)
 
 
+def _compare_orders(search: Search, explanation: Explanation, base: Attempt) -> None:
+    """Where a worn bearing is best beside ``base``: lobes of other orders that promise nearly as much.
+
+    Beside a round bearing a linear look may prefer four lobes of a tenth of the size to two, and knows
+    little of where these are: where the journal touches changes with the lobes.
+    """
+    added = explanation.best.hypotheses[len(base.hypotheses) :]
+    if len(added) != 1 or added[0].name != WORN:
+        return
+    worn = [h for group in search.others(base) for h in group if h.name == WORN]
+    found = {
+        order: screen(base, [[h for h in worn if h.start[1] == order]], search.workers).singles
+        for order in sorted({h.start[1] for h in worn})
+    }
+    most = max((hint.gain for hints in found.values() for hint in hints), default=0.0)
+    taken = round(float(explanation.best.fit.values[0, base.model.shared + 1]))
+    for order, hints in found.items():
+        if order == taken:
+            continue
+        first = explanation.best
+        for hint in hints:
+            for turn in _TURNS if hint.gain > max(SURE, _RIVAL * most) else ():
+                if explanation.best is first:
+                    lobes = replace(hint, values=_turned(hint, turn))
+                    _refit(search, explanation, base, [lobes], again=True)
+
+
+def _turned(lobes: Hint, turn: float) -> np.ndarray:
+    """Amplitude, order and phase of lobes, turned; the phase far from its bounds."""
+    amplitude, order, phase = lobes.values
+    return np.array([amplitude, order, np.mod(phase + turn + np.pi, 2.0 * np.pi) - np.pi])
+
+
 def _misheard(search: Search, base: Attempt) -> list[Hint]:
     """The fault that would explain the channel which contradicts ``base`` most, if it surely would.
 
@@ -108,14 +145,16 @@ def _misheard(search: Search, base: Attempt) -> list[Hint]:
     return [hint for hint in hints if hint.gain > SURE]
 
 
-def _refit(search: Search, explanation: Explanation, base: Attempt, hints: Sequence[Hint]) -> None:
-    """Fit on the paths of ``base`` what is small but sure beside it."""
+def _refit(
+    search: Search, explanation: Explanation, base: Attempt, hints: Sequence[Hint], again: bool = False
+) -> None:
+    """Fit on the paths of ``base`` what is small but sure beside it; ``again`` in another shape."""
     for hint in hints[:_FITTED]:
         if search.late():
             return
         search.report(f"  {hint.label}: small but sure, {hint.gain:.4g}")
         held, values = beside(base, hint.hypotheses, hint.values)
-        search.refit(explanation, held, base.followers, values, base.scale, 20)
+        search.refit(explanation, held, base.followers, values, base.scale, 20, again)
 
 
 def _begun(hint: Hint) -> np.ndarray:

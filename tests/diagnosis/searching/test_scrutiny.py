@@ -7,9 +7,13 @@ import pytest
 
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
-from clearance.diagnosis.searching.scrutiny import _misheard
+from clearance.diagnosis.searching import scrutiny
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.screening import Hint
+from clearance.diagnosis.searching.scrutiny import _compare_orders, _misheard
 from clearance.diagnosis.sensing.instrument import respond
 from clearance.mechanism.slider_crank import SliderCrank
+from tests.diagnosis.judging.test_verdict import attempt
 
 CHANNELS, RATE, NOISE = ("rod_c_axial", "rod_c_transverse", "crank_angle"), 1e4, 3.0
 
@@ -63,3 +67,31 @@ def test_a_fault_is_not_found_twice():
     late = base(2.2e-4)
     late.hypotheses = (SimpleNamespace(channel=CHANNELS[0]),)
     assert _misheard(SimpleNamespace(groups=groups), late) == []
+
+
+def test_lobes_of_other_orders_that_promise_nearly_as_much_are_compared(monkeypatch):
+    machine = Setting(SliderCrank(), "C").with_clearance(3e-4)
+    groups = gather(load_effects(["worn_bearing"]), machine, "C", CHANNELS[:2])
+    gains, refitted = {1: 0.4, 2: 1111.0, 3: 155.0, 4: 1372.0}, []
+
+    def screen(_, asked, workers):
+        (alike,) = asked
+        (order,) = {h.start[1] for h in alike}
+        values = np.array([2e-6, order, 3.0])
+        return SimpleNamespace(singles=[Hint((alike[0],), values, gains[int(order)])])
+
+    monkeypatch.setattr(scrutiny, "screen", screen)
+    monkeypatch.setattr(scrutiny, "beside", lambda base, held, values: (held, values))
+    nominal, worn = attempt([], 1.17), attempt(["worn_bearing"], 1.05)
+    nominal.followers, nominal.scale = [], 1.0
+    nominal.model, worn.fit.values = SimpleNamespace(shared=1), np.array([[3e-4, 5e-7, 4.0, 0.1]])
+    search = SimpleNamespace(
+        workers=1, others=lambda _: list(groups.values()), late=lambda: False, report=lambda _: None,
+        refit=lambda explanation, held, followers, values, *more: refitted.append(values),
+    )  # fmt: skip
+    _compare_orders(search, Explanation(nominal, [worn]), nominal)
+    assert [(one[0], one[1]) for one in refitted] == [(2e-6, 2.0)] * 4
+    assert np.ptp([one[2] for one in refitted]) == pytest.approx(1.5 * np.pi)
+    assert max(abs(one[2]) for one in refitted) <= np.pi
+    _compare_orders(search, Explanation(nominal, [attempt(["gravity"], 1.0)]), nominal)
+    assert len(refitted) == 4

@@ -280,6 +280,16 @@ def test_a_film_is_found_where_the_gap_looks_right_and_the_path_is_near():
 
 
 @pytest.mark.slow
+def test_a_thin_film_is_found_from_a_size_near_its_own():
+    found, explanation = within(4e-4, ("joint_lubrication",), film=SqueezeFilm(damping=0.011))
+    begin_inside(found, explanation)
+    assert explained(explanation.best)
+    clearance, damping, _ = explanation.best.fit.values[0]
+    assert clearance == pytest.approx(4e-4, rel=0.01)
+    assert damping == pytest.approx(0.011, rel=0.05)
+
+
+@pytest.mark.slow
 def test_a_film_without_its_name_is_a_table_over_the_journals_closeness():
     found, explanation = within(7e-4, ("restitution",), film=SqueezeFilm(damping=1.0))
     begin_inside(found, explanation)
