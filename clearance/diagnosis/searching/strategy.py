@@ -56,11 +56,11 @@ def find_explanation(
     better, and a sensor that alone contradicts the nominal machine, or the motion. Where the path is not
     near, effects follow that give the torque which the motion needs. Then single effects that promise much of
     what is missing; dimensions and faulty sensors that the motion alone points at; what acts inside the
-    joint, from plausible sizes; where no force gives that torque, a worn bearing, and where the path is far,
-    effects that no linear look can judge; effects and faults that promise a good part; in the place of one
-    that explains half, a force of free form. Beside one that explains a good part, the next one, and both on
-    paths of their own. Then effects that promised little, since beside a path that is far from right none
-    promises much; where the path is near, what gives the torque that the motion needs; forces of free form on
+    joint, from plausible sizes; where the path is near, what gives the torque that the motion needs; where no
+    force gives it, a worn bearing, and where the path is far, effects that no linear look can judge; effects
+    and faults that promise a good part; in the place of one that explains half, a force of free form. Beside
+    one that explains a good part, the next one, and both on paths of their own. Then effects that promised
+    little, since beside a path that is far from right none promises much; forces of free form on
     the slider, or with which most of one recording is explained; effects that no linear look can judge;
     faults that promised little; pairs of which neither shows without the other; other tables; the best so far
     on paths of its own. A table is put to the test against names. What explains is looked beside for what is
@@ -246,7 +246,7 @@ def _search_all(
 
     steps = (
         frame, build_on, cushion, clock, sensor, build_on, balance, build_on, plain, motion, build_on,
-        together, build_on, inside, likely, build_on, reshaped, unlikely, build_on, balance_near, curve,
+        together, build_on, balance_near, inside, likely, build_on, reshaped, unlikely, build_on, curve,
         elsewhere, build_on, share, unlikely_faults, build_on, pair, build_on, other_curve, again, build_on,
     )  # fmt: skip
     for step in steps:
