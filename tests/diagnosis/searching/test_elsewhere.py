@@ -82,7 +82,13 @@ def test_what_is_missing_inside_a_joint_is_not_looked_for_outside(monkeypatch):
 )
 def test_what_resists_in_a_joint_and_has_no_name_is_tried_from_plausible_tables(monkeypatch, effects, tables):
     asked = []
-    monkeypatch.setattr(elsewhere, "_try_out", lambda *of: asked.extend(of[3]))
+    most = []
+
+    def try_out(*of):
+        asked.extend(of[3])
+        most.append(of[5])
+
+    monkeypatch.setattr(elsewhere, "_try_out", try_out)
     setting = Setting(SliderCrank(), "C")
     groups = gather(load_effects(effects, []), setting.with_clearance(3e-4), "C", ())
     nominal = attempt([], 60.0)
@@ -94,7 +100,10 @@ def test_what_resists_in_a_joint_and_has_no_name_is_tried_from_plausible_tables(
     begin_inside(search, Explanation(nominal))
     free = [group for group in asked if unnamed(group) is not None]
     assert {group[0].direction for group in free} == tables
-    assert all(len(group) == 3 for group in free)
+    assert {group[0].direction: len(group) for group in free} == {
+        direction: {"damping": 4, "tangential": 3}[direction] for direction in tables
+    }
+    assert max(map(len, asked)) <= most[0]  # none is left out, the thinnest film neither
     named = {group[0].name for group in asked if unnamed(group) is None}
     assert named == set(effects) - {"gravity"}
 
