@@ -94,7 +94,7 @@ def _compare_orders(search: Search, explanation: Explanation, base: Attempt) -> 
     little of where these are: where the journal touches changes with the lobes.
     """
     added = explanation.best.hypotheses[len(base.hypotheses) :]
-    if len(added) != 1 or added[0].name != WORN:
+    if len(added) != 1 or added[0].name != WORN or search.late():
         return
     worn = [h for group in search.others(base) for h in group if h.name == WORN]
     found = {
