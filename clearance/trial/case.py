@@ -8,6 +8,8 @@ from clearance.trial.exudyn_plant import ExudynPlant
 from clearance.trial.plant import ExtraForce, Fault, Plant
 
 KINDS = ("none", "effect", "instrument", "pair", "outside", "left_out", "beam")
+UNNAMED = ("outside", "left_out")
+"""Kinds of cases for which the tool has no name."""
 KNOWN_FRAME = {"frequency": 60.0, "damping_ratio": 0.03, "mass": 20.0}
 """A frame on springs that the tool is told of: some cases stand on it, whatever is missing."""
 _FOR_THE_PLANT = {"contact_stiffness": {"stiffness_scale": "scale"}}

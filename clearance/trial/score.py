@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance.trial.case import Case
+from clearance.trial.case import UNNAMED, Case
 from clearance.trial.claim import correlation, left_over
 from clearance.trial.repertoire import EFFECTS, FORCES, PLACES, Place
 from clearance.trial.reveal import Revealed
@@ -40,8 +40,10 @@ def score_case(one: Revealed) -> dict[str, Any]:
         "parameters": parameters(case, said["effects"]),
         "clearance": _clearance(case, said["clearance"]),
         "held_out": said["fit"]["held_out"],
-        "curve_correlation": correlation(one.secrets["curve"], said.get("free_form"))
-        if said["verdict"] == "unknown"
+        "curve_correlation": correlation(
+            one.secrets["curve"], said.get("free_form") if said["verdict"] == "unknown" else None
+        )
+        if case.kind in UNNAMED
         else None,
         "left_over": left_over(case, one.secrets, said),
     }
@@ -63,7 +65,7 @@ def _alternatives(said: Mapping[str, Any]) -> list[set[str]]:
 def _named(case: Case, said: Mapping[str, Any]) -> bool:
     """Everything missing is asserted, or is one of the explanations that cannot be told apart."""
     truth = set(case.missing)
-    if not truth or case.kind in ("outside", "left_out"):
+    if not truth or case.kind in UNNAMED:
         return False
     return truth <= {effect["name"] for effect in said["effects"]} or truth in _alternatives(said)
 
@@ -160,7 +162,7 @@ def _why(case: Case, row: Mapping[str, Any]) -> str | None:
             if where == "below"
             else f"missed, {faint:.1f} times the threshold"
         )
-    if case.kind in ("outside", "left_out"):
+    if case.kind in UNNAMED:
         if row["verdict"] != "unknown":
             return f"named {said}, where no name is right"
         return None if row["body_right"] else "unknown, rightly, but on the wrong body"

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
+from clearance.trial.case import UNNAMED
+
 Row = Mapping[str, Any]
 BINS = (0.0, 0.5, 1.0, 2.0, 5.0, 20.0, float("inf"))
 """Of the visibility, in a power curve: 1 is the detection threshold."""
 _NAMED = ("effect", "instrument", "pair", "beam")
-_UNNAMED = ("outside", "left_out")
 
 
 def rate(hits: Sequence[bool]) -> dict[str, Any]:
@@ -37,20 +38,20 @@ def quantiles(values: Sequence[float]) -> dict[str, Any]:
 def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     """The score of a trial: plain data.
 
-    Rates of naming, places and unknown forces are over cases in which everything missing is at or above its
-    detection threshold; a case without a verdict counts as wrong in all of them.
+    Rates of naming, places, unknown forces and their curves are over cases in which everything missing is at
+    or above its detection threshold; a case without a verdict counts as wrong in all of them.
     """
     null = [row for row in rows if row["kind"] == "none"]
     seen = [row for row in rows if row["kind"] != "none" and row["visible"]]
     named = [row for row in seen if row["kind"] in _NAMED]
     single = [row for row in named if row["kind"] != "pair"]
-    unnamed = [row for row in seen if row["kind"] in _UNNAMED]
+    unnamed = [row for row in seen if row["kind"] in UNNAMED]
     said = [row for row in rows if row["verdict"] is not None]
     held = [row["held_out"] for row in said if row["held_out"].get("after") is not None]
     # a beam has no single mode: the one that comes nearest to it has no true value
     asserted = [parameter for row in said if row["kind"] != "beam" for parameter in row["parameters"]]
     clearances = [row["clearance"] for row in said if row["clearance"] and row["right"]]
-    curves = [row["curve_correlation"] for row in said if row["curve_correlation"] is not None]
+    curves = [one for row in unnamed if (one := row.get("curve_correlation", 0.0)) is not None]
     claims = [row for row in said if row["left_over"] is not None and _claims(row)]
     return {
         "cases": len(rows),

@@ -167,6 +167,10 @@ def test_a_force_outside_the_list():
     assert elsewhere["why"] == "unknown, rightly, but on the wrong body"
     named = scored(FORCE, verdict("physics", [friction(name="process_load")]), secrets)
     assert named["why"] == "named process_load, where no name is right"
+    assert named["curve_correlation"] == 0.0
+    hidden = {**row, "visible": False, "curve_correlation": 0.3}  # below the threshold no curve is asked for
+    assert summarise([row, hidden, named])["curve_good"] == rate([True, False])
+    assert scored(FRICTION, {**said, "verdict": "unknown"}, secrets)["curve_correlation"] is None
 
 
 def test_a_claim_is_checked_where_nobody_has_looked(secrets):

@@ -15,6 +15,7 @@ from clearance.simulation.integrator import Integrator
 ANNEALING = (100.0, 31.6, 10.0, 3.16, 1.0)  # factors on the noise while a guess is far from a solution
 FOLLOWED = 2.5  # robust cost a sample: above, a model does not follow at this scale of the noise
 EXPLAINED = 1.35  # and up to which nothing is left to explain
+ROOM = 1.03  # and above which what explains may have more parameters
 LOOSENESS = 0.15  # of the joint's typical force: unknown forces while a path is looked for
 POOR = 3.0  # misfit up to which a model is not given up on the way, whatever others reach
 COARSE = Integrator("runge_kutta_4", 1e-5, 1)  # while a path is looked for: half the work

@@ -8,13 +8,14 @@ Reference: Garnier and Wang 2008, Identification of Continuous-time Models from 
 variable filters).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize
 from scipy.signal import bilinear, lfilter
 
-from clearance.diagnosis.kinematics.regression import regressed, scatter_of
+from clearance.diagnosis.kinematics.regression import cost_of, regressed, scatter_of
 from clearance.diagnosis.kinematics.rhythm import Needed, Rhythm, find_rhythm
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.mechanism.applied_force import shares
@@ -31,8 +32,9 @@ NEEDED = (
 FOUND = ("frequency", "damping_ratio", "mass")
 """What they tell of the frame, by the names of its effect's parameters."""
 _SHOWN = 5.0  # times the noise: what the sensors at A feel of a frame that moves
-KNOTS = 24
+KNOTS = 48
 """Over the period of a force that shakes the frame."""
+_TRIED = 40  # rhythms for each recording
 _CORNER = 100.0  # rad/s, of the filter
 _SETTLED = 6.0  # times its time constant, after which it has forgotten how the recording began
 
@@ -140,17 +142,53 @@ def _repeating(
     rhythm = find_rhythm(needed, scatter)
     if rhythm is None:
         return None
-    rows = []
-    for time, clock in zip(times, rhythm.clocks, strict=True):
-        own = shares((time + clock) / rhythm.period * KNOTS, KNOTS, True, "cubic")
-        rows.append(np.stack([filtered(column, 0, rate) for column in own.T], axis=1))
-    columns, force = np.concatenate(rows), np.concatenate(forces)
+    force = np.concatenate(forces)
+
+    def over(period: float, clocks: Sequence[float]) -> np.ndarray:
+        rows = []
+        for time, clock in zip(times, clocks, strict=True):
+            own = shares((time + clock) / period * KNOTS, KNOTS, True, "linear")
+            rows.append(np.stack([filtered(column, 0, rate) for column in own.T], axis=1))
+        return np.concatenate(rows)
+
+    rhythm = _sharper(rhythm, over, force, scatter, max(float(time[-1]) for time in times), rate)
+    columns = over(rhythm.period, rhythm.clocks)
     found = regressed(columns, force, scatter)
     given = columns @ found
     if given.std() < least:
         return None
     share = 1.0 - float((force - given).var() / force.var())
     return Shaking(rhythm, direction, found - found.mean(), share)
+
+
+def _sharper(
+    rhythm: Rhythm,
+    over: Callable[[float, Sequence[float]], np.ndarray],
+    force: np.ndarray,
+    scatter: float,
+    longest: float,
+    rate: float,
+) -> Rhythm:
+    """The rhythm with which a table leaves least: where a force jumps, samples tell more than harmonics do."""
+    step = SAMPLES / rate
+
+    def at(x: np.ndarray) -> Rhythm:
+        period = rhythm.period * (1.0 + x[0] * step / longest)
+        return Rhythm(period, (0.0, *(clock + step * one for clock, one in zip(rhythm.clocks[1:], x[1:], strict=True))))
+
+    def left(x: np.ndarray) -> float:
+        columns = over(at(x).period, at(x).clocks)
+        return cost_of(force - columns @ regressed(columns, force, scatter), scatter)
+
+    count = len(rhythm.clocks)
+    found = minimize(
+        left, np.zeros(count), method="Nelder-Mead",
+        options={
+            "maxfev": _TRIED * count, "xatol": 0.02, "fatol": 1e-5,
+            "initial_simplex": np.vstack([np.zeros(count), np.eye(count)]),
+        },
+    )  # fmt: skip
+    return at(found.x)
 
 
 def _shaken_by(one: Measured, angle: float, speed: float, machine: SliderCrank) -> np.ndarray:

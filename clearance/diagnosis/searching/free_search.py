@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import ANNEALING, LOOSENESS, Attempt, explained
+from clearance.diagnosis.following.attempt import ANNEALING, LOOSENESS, ROOM, Attempt, explained
 from clearance.diagnosis.following.growth import grow
 from clearance.diagnosis.hypotheses.free_form import (
     ARGUMENTS,
@@ -51,7 +51,10 @@ _SAID = 0.2  # of a force's robust square that may be left where it is a functio
 _NAMED = 3  # named effects that are tried in the place of a table
 _LIKE = 2  # of those that would turn the crank as a table does
 _AS_GOOD = 1.1  # times the misfit of a named effect: a table that leaves no more may be too coarse alone
+_BETWEEN = ("cubic", "linear")  # knots
 _PART = 0.3  # of the base's misfit: a direction that leaves less is not doubted any more
+_HALF = 0.5  # of the nominal misfit: a table that leaves more is not too coarse, but wrong
+_MUCH_LESS = 0.7  # of what a coarse table leaves: then a finer one may still be too coarse
 
 
 @dataclass(frozen=True)
@@ -140,32 +143,53 @@ def fit_curve(search: Search, explanation: Explanation, curves: Sequence[Curve])
 
 
 def refine_table(search: Search, explanation: Explanation, curve: Curve, coarse: Attempt) -> None:
-    """Fit a curve with a knot between each two where its table leaves little: it may be too coarse."""
-    if coarse.misfit > _PART * explanation.nominal.misfit or coarse.scale > ANNEALING[3] or search.late():
-        return
-    rows = coarse.fit.values
-    for between in ("cubic", "linear"):
-        fine = refined(replace(curve, forces=rows[0, 1:-1]), between)
-        values = np.array([[row[0], *fine.forces, row[-1]] for row in rows])
-        search.report(f"  with {len(fine.knots)} instead of {len(curve.knots)} knots, {between} between them")
-        held = [free_form(fine, search.setting.joint)]
-        search.refit(explanation, held, coarse.followers, values, ANNEALING[3], again=True)
-        if explained(explanation.best) or search.late():
+    """Fit a curve with a knot between each two where its table leaves little: it may be too coarse.
+
+    Again with twice as many, as long as these leave much less.
+    """
+    while coarse.misfit < _HALF * explanation.nominal.misfit and coarse.scale <= ANNEALING[3]:
+        finer = list[tuple[Attempt, Curve]]()
+        for between in _BETWEEN:
+            if explained(explanation.best) or search.late():
+                return
+            finer += _double(search, explanation, curve, coarse, between)
+        found, fine = min(finer, key=lambda one: one[0].misfit, default=(coarse, curve))
+        if found.misfit > _MUCH_LESS * coarse.misfit or 2 * len(fine.knots) > TABLE_KNOTS:
             return
+        curve, coarse = fine, found
+
+
+def _double(
+    search: Search, explanation: Explanation, curve: Curve, coarse: Attempt, between: str
+) -> list[tuple[Attempt, Curve]]:
+    """What comes of a curve with a knot between each two, and that curve; nothing where it fails."""
+    rows = coarse.fit.values
+    fine = refined(replace(curve, forces=rows[0, 1:-1]), between)
+    values = np.array([[row[0], *fine.forces, row[-1]] for row in rows])
+    search.report(f"  with {len(fine.knots)} instead of {len(curve.knots)} knots, {between} between them")
+    held = [free_form(fine, search.setting.joint)]
+    found = search.refit(explanation, held, coarse.followers, values, ANNEALING[3], again=True)
+    return [] if found is None else [(found, fine)]
 
 
 def sharpen(search: Search, explanation: Explanation) -> None:
-    """Put a knot between each two of the best table, where it stands alone and can have more.
+    """Put a knot between each two of the best table, where it stands alone, as long as that says more.
 
     What a table leaves where the force jumps, or changes fast, looks like noise that is a little too strong.
     """
-    best = explanation.best
-    if len(best.hypotheses) > 1 or unnamed(best.hypotheses) is None:
-        return
-    law = best.model.machine(best.fit.values[0]).force
-    assert isinstance(law, TabulatedForce)
-    if law.argument in ARGUMENTS and 2 * len(law.values) <= TABLE_KNOTS:
-        refine_table(search, explanation, curve_of(law), best)
+    while explanation.best.misfit > ROOM and len(explanation.best.hypotheses) == 1:
+        best = explanation.best
+        if unnamed(best.hypotheses) is None:
+            return
+        law = best.model.machine(best.fit.values[0]).force
+        assert isinstance(law, TabulatedForce)
+        if law.argument not in ARGUMENTS or 2 * len(law.values) > TABLE_KNOTS:
+            return
+        for between in _BETWEEN:
+            if not search.late():
+                _double(search, explanation, curve_of(law), best, between)
+        if explanation.best is best:
+            return
 
 
 def reshape(search: Search, explanation: Explanation, best: Attempt) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import cache
 from itertools import takewhile
 
-from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.following.attempt import ROOM, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import Curve, unnamed
 from clearance.diagnosis.searching.beside import FAR, NEARLY
 from clearance.diagnosis.searching.elsewhere import (
@@ -40,7 +40,6 @@ _PART = 0.3  # of what was left: an effect that leaves less is a part of the tru
 _SHARED = 0.6  # likewise where nothing leaves so little: one of two that share what is missing
 _SEEN = 0.5  # likewise of a dimension, which the motion vouches for whatever the forces
 _HALF = 0.5  # of what is missing: a named force that leaves less may stand for one without a name
-_ROOM = 1.03  # misfit above which an effect that explains may have more parameters
 _FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
 _MANY, _ACCUSED = 7, 0.4  # channels of which one can be spared; left of the motion's disagreement without it
 _PAIRS = 3  # pairs that are fitted
@@ -79,7 +78,7 @@ def find_explanation(
     begin_shaking(search, explanation)
     if not explained(explanation.best):
         _search_all(search, explanation, most, keep)
-    if explanation.best.misfit > _ROOM and not search.late():
+    if explanation.best.misfit > ROOM and not search.late():
         if explained(explanation.best):
             enlarge(search, explanation)
         sharpen(search, explanation)

@@ -60,23 +60,50 @@ def test_a_machines_table_is_the_curve_that_it_was_made_from(argument, period, i
     np.testing.assert_array_equal(found.forces, curve.forces)
 
 
+def tabulated(argument, knots):
+    return TabulatedForce("slider", "x", argument, 0.0, 0.01, (1.0,) * knots)
+
+
+def with_force(names, misfit, force):
+    found = attempt(names, misfit)
+    found.model.machine, found.fit.values = (
+        lambda row: SimpleNamespace(force=force), np.zeros((1, len(force.values) + 2))
+    )  # fmt: skip
+    return found
+
+
+def sharpened(best, better=()):
+    """Knots, and what lies between them, of each table tried in the place of ``best``."""
+    explanation, tried, better = Explanation(attempt([], 40.0), [best]), [], list(better)
+
+    def refit(explanation, held, followers, values, scale, again):
+        law = held[0].apply(SliderCrank(), values[0, 1:-1]).force
+        tried.append((len(law.values), law.interpolation))
+        if better and better[0].misfit < explanation.best.misfit:
+            explanation.attempts.append(better.pop(0))
+
+    setting = SimpleNamespace(joint="C")
+    search = SimpleNamespace(late=lambda: False, report=lambda _: None, refit=refit, setting=setting)
+    free_search.sharpen(search, explanation)
+    return tried
+
+
 @pytest.mark.parametrize(
     ("names", "argument", "knots", "expected"),
     [
-        ([FREE_FORM], "slider_position", 24, True),
-        ([FREE_FORM], "slider_position", 25, False),  # the simulator has no room for twice as many
-        ([FREE_FORM], "force_c", 2, False),  # nothing holds the bends of more
-        (["gravity"], "slider_position", 24, False),
-        ([FREE_FORM, "gravity"], "slider_position", 24, False),
+        ([FREE_FORM], "slider_position", 24, [(47, "cubic"), (47, "linear")]),
+        ([FREE_FORM], "slider_position", 25, []),  # the simulator has no room for twice as many
+        ([FREE_FORM], "force_c", 2, []),  # nothing holds the bends of more
+        (["gravity"], "slider_position", 24, []),
+        ([FREE_FORM, "gravity"], "slider_position", 24, []),
     ],
 )
-def test_a_table_that_leaves_a_little_too_much_gets_more_knots(monkeypatch, names, argument, knots, expected):
-    force = TabulatedForce("slider", "x", argument, 0.0, 0.01, (1.0,) * knots)
-    best = attempt(names, 1.15)
-    best.model.machine, best.fit.values = (lambda row: SimpleNamespace(force=force)), np.zeros((1, knots + 2))
-    refining = []
-    monkeypatch.setattr(
-        free_search, "refine_table", lambda _, __, curve, coarse: refining.append((len(curve.knots), coarse))
-    )
-    free_search.sharpen(None, Explanation(attempt([], 40.0), [best]))
-    assert refining == [(knots, best)] * expected
+def test_a_table_that_leaves_a_little_too_much_gets_more_knots(names, argument, knots, expected):
+    assert sharpened(with_force(names, 1.15, tabulated(argument, knots))) == expected
+
+
+def test_a_table_gets_more_knots_until_they_say_nothing_more_or_nothing_is_left():
+    coarse = with_force([FREE_FORM], 1.3, tabulated("slider_position", 12))
+    finer = [with_force([FREE_FORM], left, tabulated("slider_position", 23)) for left in (1.2, 1.02)]
+    assert [count for count, _ in sharpened(coarse, finer[:1])] == [23, 23, 45, 45]
+    assert [count for count, _ in sharpened(coarse, finer)] == [23, 23]  # 1.02 leaves no room
