@@ -166,3 +166,16 @@ def free_form(curve: Curve, joint: str) -> Hypothesis:
         FREE_FORM, "physics", curve.body, curve.direction, unknowns, np.zeros(len(unknowns)),
         curve.forces.copy(), apply,
     )  # fmt: skip
+
+
+def known_force(curve: Curve) -> Hypothesis:
+    """A force over time that was measured: nothing of it is fitted."""
+    law = TabulatedForce(
+        curve.body, curve.direction, curve.argument, float(curve.knots[0]), None,
+        tuple(map(float, curve.forces)), curve.interpolation, curve.period,
+    )  # fmt: skip
+    none = np.zeros(0)
+    return Hypothesis(
+        FREE_FORM, "physics", curve.body, curve.direction, (), none, none,
+        lambda machine, _: replace(machine, force=law),
+    )  # fmt: skip

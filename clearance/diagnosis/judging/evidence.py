@@ -50,7 +50,7 @@ def gather_evidence(
     same = alike(best.model.machine(best.fit.values[0]), nominal.model.machine(nominal.fit.values[0]))
     sound = all(hypothesis.fault is None for hypothesis in best.hypotheses)
     along = best if explained(best) and same and sound else nominal
-    curve = free_form_of(best, setting)
+    curve = free_form_of(best, setting, explanation.shaken)
     judged = innovations(after, setting.joint)
     return {
         "where": locate(errors, innovations(best, setting.joint)),

@@ -164,7 +164,7 @@ def diagnose(
         "effects": named,
         "equivalent": [[h.name for h in a.hypotheses] for a in others] if len(others) > 1 else [],
         "next_experiment": _next_experiment(others, recordings),
-        "free_form": free_form_of(best, setting),
+        "free_form": free_form_of(best, setting, explanation.shaken),
         "smallest_seen": here,
         "fit": fit,
         "clearance": {

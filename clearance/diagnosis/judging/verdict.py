@@ -8,6 +8,7 @@ import numpy as np
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import DAMPING, FREE_FORM, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.kinematics.shaking import Shaking
 from clearance.diagnosis.searching.explanation import Explanation, penalised
 from clearance.diagnosis.searching.significance import beats, margin, suspicious, unsettled
 from clearance.diagnosis.shooting.covariance import deviations
@@ -181,7 +182,7 @@ def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str
     """
     best = explanation.best
     if best is explanation.shown:
-        return best.hypotheses[0].kind
+        return "unknown" if unnamed(best.hypotheses) is not None else best.hypotheses[0].kind
     if not explained(best) or (held_out is not None and not _confirmed(held_out)):
         return "unknown"
     if not best.hypotheses:
@@ -272,32 +273,41 @@ def argument_of(law: TabulatedForce) -> str:
     return "closeness" if law.argument.startswith("closeness") else law.argument
 
 
-def free_form_of(attempt: Attempt, setting: Setting) -> dict[str, Any] | None:
+def free_form_of(attempt: Attempt, setting: Setting, shaken: Shaking | None = None) -> dict[str, Any] | None:
     """The table of an attempt's force of free form as the contract writes it, with its 95 % band.
 
     Where the recordings do not come nothing holds the table: there is no band, and its values say nothing.
     Of a torque only what varies is given: a constant one cannot be told from what the drive is asked for. Of
     a force over time ``clocks`` says what its clock shows where each recording begins [s].
+
+    Args:
+        attempt: to write down.
+        setting: the nominal machine.
+        shaken: whose deviation is that of a force which was measured, so that nothing of it was fitted.
     """
     hypothesis = unnamed(attempt.hypotheses)
     if hypothesis is None:
         return None
     place = 1 + sum(len(h.unknowns) for h in attempt.hypotheses[: attempt.hypotheses.index(hypothesis)])
-    count, shared = len(hypothesis.unknowns), attempt.model.shared
-    values = attempt.fit.values[0, place : place + count]
+    values = attempt.fit.values[0, place : place + len(hypothesis.unknowns)]
     law = hypothesis.apply(setting.machine, values).force
     assert isinstance(law, TabulatedForce)
+    count = len(law.values)
     spacing = law.repeats_after / count if law.repeats else float(law.spacing or 0.0)
     finer = _ALONG if law.interpolation == "cubic" else 1  # whoever reads the table joins its points by lines
     steps = np.arange(count * finer if law.repeats else (count - 1) * finer + 1) / finer
     own = shares(steps, count, law.repeats, law.interpolation)
     if hypothesis.direction == "torque":
         own = own - 1.0 / count
-    combined = np.zeros((len(own), shared))
-    combined[:, place : place + count] = own
-    forces, band = own @ values, 1.96 * deviations(attempt.fit, combined)
+    if hypothesis.unknowns:
+        combined = np.zeros((len(own), attempt.model.shared))
+        combined[:, place : place + count] = own
+        band, least = 1.96 * deviations(attempt.fit, combined), hypothesis.unknowns[0].low
+    else:
+        band, least = np.full(len(own), 1.96 * (np.inf if shaken is None else shaken.deviation)), -np.inf
+    forces = own @ np.array(law.values)
     held = band < _UNHELD * np.abs(forces).max()
-    low = np.where(held, np.maximum(forces - band, hypothesis.unknowns[0].low), np.nan)
+    low = np.where(held, np.maximum(forces - band, least), np.nan)
     high = np.where(held, forces + band, np.nan)
     return {
         "body": law.body, "direction": _along(law.direction), "argument": argument_of(law),

@@ -99,7 +99,15 @@ def sentences(
     if others:
         names = " or ".join(" with ".join(h.name for h in a.hypotheses) for a in others)
         lines.append(f"With these sensors it cannot be told from {names}.")
-    if best is explanation.shown:
+    if best is explanation.shown and curve is not None:
+        lines.append(
+            "The balance of forces on the frame shows this. From one moment to the next a frame that is "
+            "pushed moves as a free one does, so that one-step errors do not tell."
+        )
+        gain = (
+            f"One-step errors are {held['after']:.3g} with it and {held['before']:.3g} without (floor 1.00)"
+        )
+    elif best is explanation.shown:
         one = explanation.rails is not None and explanation.rails.followed
         lines.append(
             "One recording was followed so through its strikes, others were not: what else may be missing "

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clearance.diagnosis.kinematics.rhythm import Rhythm
-from clearance.diagnosis.kinematics.shaking import KNOTS, Shaking
+from clearance.diagnosis.kinematics.shaking import KNOTS, Shaking, deviation_of
 from clearance.diagnosis.kinematics.swaying import LOOKED_AT, loosely, smoothed, sways, told
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.mechanism.frame import FlexibleFrame
@@ -129,12 +129,10 @@ def find_pushing(
     places = np.arange(_TURNS) / _TURNS
     first_wave = _wave(series[0], places)
     clocks = [float(places[np.argmax(_agreement(first_wave, _wave(one, places)))]) for one in series]
-    together = np.mean(
-        [_wave(one, places - clock) for one, clock in zip(series, clocks, strict=True)], axis=0
-    )
-    forces = together[:: _TURNS // KNOTS]
+    waves = [_wave(one, places - clock) for one, clock in zip(series, clocks, strict=True)]
+    forces = np.mean(waves, axis=0)[:: _TURNS // KNOTS]
     rhythm = Rhythm(1.0 / frequency, tuple(clock / frequency for clock in clocks))
-    return Shaking(rhythm, "xy"[way], forces - forces.mean(), 1.0 - share)
+    return Shaking(rhythm, "xy"[way], forces - forces.mean(), 1.0 - share, deviation_of(waves))
 
 
 def _wave(series: np.ndarray, places: np.ndarray) -> np.ndarray:

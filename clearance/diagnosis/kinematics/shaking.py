@@ -96,12 +96,22 @@ class Shaking:
         direction: x or y.
         forces: (KNOTS,) over a period, about their mean, which only moves the frame [N].
         share: of the variance of what shakes the frame in that direction.
+        deviation: standard deviation of each, by how far the recordings agree [N]; infinite of a single one.
     """
 
     rhythm: Rhythm
     direction: str
     forces: np.ndarray
     share: float
+    deviation: float
+
+
+def deviation_of(each: Sequence[np.ndarray]) -> float:
+    """Standard deviation of the mean of the forces that recordings show, each (places,) about its mean."""
+    if len(each) < 2:
+        return np.inf
+    apart = np.var(np.array(each), axis=0, ddof=1).mean()
+    return float(np.sqrt(apart / len(each)))
 
 
 def find_shaking(
@@ -154,11 +164,18 @@ def _repeating(
     rhythm = _sharper(rhythm, over, force, scatter, max(float(time[-1]) for time in times), rate)
     columns = over(rhythm.period, rhythm.clocks)
     found = regressed(columns, force, scatter)
+    ends = np.cumsum([len(one) for one in forces])[:-1]
+    own = [
+        regressed(part, one, scatter)
+        for part, one in zip(np.split(columns, ends), forces, strict=True)
+        if len(one) >= rhythm.period * rate  # a whole period, or parts of the table are not seen
+    ]
     given = columns @ found
     if given.std() < least:
         return None
     share = 1.0 - float((force - given).var() / force.var())
-    return Shaking(rhythm, direction, found - found.mean(), share)
+    deviation = deviation_of([one - one.mean() for one in own])
+    return Shaking(rhythm, direction, found - found.mean(), share, deviation)
 
 
 def _sharper(
@@ -169,12 +186,13 @@ def _sharper(
     longest: float,
     rate: float,
 ) -> Rhythm:
-    """The rhythm with which a table leaves least: where a force jumps, samples tell more than harmonics do."""
+    """The rhythm with which a table leaves least: where a force jumps, samples say more than harmonics."""
     step = SAMPLES / rate
 
     def at(x: np.ndarray) -> Rhythm:
         period = rhythm.period * (1.0 + x[0] * step / longest)
-        return Rhythm(period, (0.0, *(clock + step * one for clock, one in zip(rhythm.clocks[1:], x[1:], strict=True))))
+        later = zip(rhythm.clocks[1:], x[1:], strict=True)
+        return Rhythm(float(period), (0.0, *(float(clock + step * one) for clock, one in later)))
 
     def left(x: np.ndarray) -> float:
         columns = over(at(x).period, at(x).clocks)

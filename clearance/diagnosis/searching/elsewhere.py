@@ -7,8 +7,9 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import EXPLAINED, POOR, Attempt, explained
 from clearance.diagnosis.following.growth import Followed, grow
-from clearance.diagnosis.hypotheses.free_form import free_form, resisting, rubbing
+from clearance.diagnosis.hypotheses.free_form import free_form, resisting, rubbing, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching.beside import FAR, beside, enough
 from clearance.diagnosis.searching.everywhere import astray, fit_everywhere, start_with
 from clearance.diagnosis.searching.explanation import Explanation
@@ -17,6 +18,7 @@ from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import SURE, unsettled
 from clearance.diagnosis.searching.work import DRIVE
 from clearance.errors import InputError
+from clearance.mechanism.applied_force import TabulatedForce
 
 _FITTED = 2  # of them that are fitted to all recordings
 _LEFT = 0.3  # of what a base that explains leaves: what is right leaves less
@@ -68,10 +70,22 @@ def begin_again(search: Search, explanation: Explanation) -> None:
     """
     best, surest = explanation.best, int(np.argmin([start.doubt for start in search.starts]))
     row = best.fit.values[surest].copy()
-    search.keep(
-        explanation, best.hypotheses,
-        lambda: fit_everywhere(search, best.hypotheses, row, surest, best, anew=True),
-    )  # fmt: skip
+    with search.timed(rhythm_of(best)):
+        search.keep(
+            explanation, best.hypotheses,
+            lambda: fit_everywhere(search, best.hypotheses, row, surest, best, anew=True),
+        )  # fmt: skip
+
+
+def rhythm_of(attempt: Attempt) -> Rhythm | None:
+    """Period and clocks of an attempt's force that repeats by a clock of its own, if it has one."""
+    if unnamed(attempt.hypotheses) is None:
+        return None
+    law = attempt.model.machine(attempt.fit.values[0]).force
+    assert isinstance(law, TabulatedForce)
+    if law.period is None:
+        return None
+    return Rhythm(law.period, tuple(follower.measured.clock for follower in attempt.followers))
 
 
 def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.kinematics.shaking import Shaking
 from clearance.diagnosis.searching.screening import Hint
 
 _SHUT = 0.5  # of the clearance that the motion shows
@@ -52,9 +53,10 @@ class Explanation:
         attempts: hypotheses that were fitted, best first.
         hints: of the first screening.
         suspected: a force without a name that explains more than others, if one does.
-        shaken: whether the balance of forces on a known frame shows one without a name.
+        shaken: the force without a name that the balance of forces on a known frame shows, if it does.
         rails: between which the slider moves, if it does and not all recordings are followed so.
-        shown: the machine between these rails, where none that was followed explains the recordings.
+        shown: the machine between these rails, where none that was followed explains the recordings; or the
+            one with ``shaken``, where the nominal one explains them as well.
         agreed: joint, and the clearance in it at which the motion agrees best [m], whatever the forces.
         balanced: whether the drive and the known loads give the torque that the motion needs.
         unpushed: whether no force on the links would give what they do not.
@@ -66,7 +68,7 @@ class Explanation:
     attempts: list[Attempt] = field(default_factory=list)
     hints: list[Hint] = field(default_factory=list)
     suspected: Suspected | None = None
-    shaken: bool = False
+    shaken: Shaking | None = None
     rails: Rails | None = None
     shown: Attempt | None = None
     agreed: tuple[str, float] | None = None
@@ -98,10 +100,12 @@ class Explanation:
     def best(self) -> Attempt:
         """The attempt with the smallest penalised misfit, of those that may be asserted.
 
-        Where it does not explain the recordings, what the motion alone shows comes before it.
+        Where it does not explain the recordings, what the motion alone shows comes before it; a force on the
+        frame does where the nominal machine explains them: from segment to segment it is not felt.
         """
         followed = min(self.standing, key=penalised)
-        return self.shown if self.shown is not None and not explained(followed) else followed
+        unfelt = self.shaken is not None and followed is self.nominal
+        return self.shown if self.shown is not None and (unfelt or not explained(followed)) else followed
 
 
 def penalised(attempt: Attempt) -> float:

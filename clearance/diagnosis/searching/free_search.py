@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from clearance.diagnosis.following.attempt import ANNEALING, LOOSENESS, ROOM, Attempt, explained
 from clearance.diagnosis.following.growth import grow
@@ -51,6 +52,7 @@ _SAID = 0.2  # of a force's robust square that may be left where it is a functio
 _NAMED = 3  # named effects that are tried in the place of a table
 _LIKE = 2  # of those that would turn the crank as a table does
 _AS_GOOD = 1.1  # times the misfit of a named effect: a table that leaves no more may be too coarse alone
+_UNTIMELY, _PERIODS, _TIMED = 3e-3, 8, 2  # share of a period that it may be off; trials; steps of each
 _BETWEEN = ("cubic", "linear")  # knots
 _PART = 0.3  # of the base's misfit: a direction that leaves less is not doubted any more
 _HALF = 0.5  # of the nominal misfit: a table that leaves more is not too coarse, but wrong
@@ -154,6 +156,8 @@ def refine_table(search: Search, explanation: Explanation, curve: Curve, coarse:
                 return
             finer += _double(search, explanation, curve, coarse, between)
         found, fine = min(finer, key=lambda one: one[0].misfit, default=(coarse, curve))
+        if fine.period is not None and not search.late():
+            found, fine = _retime(search, explanation, fine, found)
         if found.misfit > _MUCH_LESS * coarse.misfit or 2 * len(fine.knots) > TABLE_KNOTS:
             return
         curve, coarse = fine, found
@@ -170,6 +174,41 @@ def _double(
     held = [free_form(fine, search.setting.joint)]
     found = search.refit(explanation, held, coarse.followers, values, ANNEALING[3], again=True)
     return [] if found is None else [(found, fine)]
+
+
+def _retime(search: Search, explanation: Explanation, curve: Curve, known: Attempt) -> tuple[Attempt, Curve]:
+    """A force over time with the period with which the recordings are followed best, or as it was.
+
+    Where impacts are strong, the balance of work knows the period to a part in a thousand: jumps then come a
+    segment too early at one end of a recording and too late at the other. Clocks turn with the period so that
+    the middle of each recording stays where it was.
+    """
+    rows = known.fit.values
+    curve = replace(curve, forces=rows[0, 1:-1])
+
+    def timed(change: float) -> tuple[Curve, list[Follower]]:
+        assert curve.period is not None
+        period = curve.period * (1.0 + change)
+        own = [follower.part(0, follower.segments) for follower in known.followers]
+        for follower in own:
+            one = follower.measured
+            middle = one.begin + 0.5 * one.segment * follower.segments
+            follower.measured = replace(one, clock=one.clock + change * middle, period=period)
+        return replace(curve, knots=curve.knots * (1.0 + change), period=period), own
+
+    def left(change: float) -> float:
+        other, own = timed(change)
+        model = search.setting.model([free_form(other, search.setting.joint)])
+        return settle(own, model, rows, _TIMED, 3e-2, search.workers, scale=known.scale).level
+
+    found = minimize_scalar(
+        left, method="bounded", bounds=(-_UNTIMELY, _UNTIMELY), options={"maxiter": _PERIODS}
+    )
+    other, own = timed(float(found.x))
+    search.report(f"  with a period longer by {float(found.x):.3%}")
+    held = [free_form(other, search.setting.joint)]
+    again = search.refit(explanation, held, own, rows, ANNEALING[3], again=True)
+    return (known, curve) if again is None or again.misfit > known.misfit else (again, other)
 
 
 def sharpen(search: Search, explanation: Explanation) -> None:

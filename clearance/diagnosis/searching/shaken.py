@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained, refine
-from clearance.diagnosis.hypotheses.free_form import Curve, free_form, refined
-from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.hypotheses.free_form import Curve, free_form, known_force
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.kinematics.pushing import find_pushing
 from clearance.diagnosis.kinematics.shaking import FOUND, KNOTS, find_shaking, measure_frame, shakes
@@ -96,26 +96,26 @@ def begin_shaking(search: Search, explanation: Explanation) -> None:
         f"  a force of {most:.3g} N at most on the frame ({found.direction}) that repeats every "
         f"{period * 1e3:.5g} ms gives {found.share:.1%} of what shakes it"
     )
-    explanation.shaken = True
+    explanation.shaken = found
     explanation.suspected = Suspected("frame", found.direction, explanation.nominal.misfit)
     curve = Curve(
         "frame", found.direction, "time", period * np.arange(KNOTS) / KNOTS, found.forces, none, 0.0, 0.0,
-        "cubic", period,
+        "linear", period,
     )  # fmt: skip
     with search.timed(found.rhythm):
-        pushed = _with_table(search, explanation, curve, search.profile.best)
-        if pushed is not None and not (explained(pushed) or search.late()):  # a force may jump
-            row = pushed.fit.values[0]
-            fine = refined(replace(curve, forces=row[1:-1]), "linear")
-            pushed = _with_table(search, explanation, fine, float(row[0])) or pushed
+        pushed = _with(search, explanation, known_force(curve), search.profile.best)
+        if pushed is not None and not (explained(pushed) or search.late()):
+            fewer = replace(curve, knots=curve.knots[::2], forces=curve.forces[::2], interpolation="cubic")
+            fitted = free_form(fewer, search.setting.joint)
+            pushed = _with(search, explanation, fitted, float(pushed.fit.values[0, 0])) or pushed
     if pushed is not None and explained(explanation.nominal):
         _on_the_path_of(pushed, search, explanation)
+        explanation.shown = pushed if explained(pushed) else None
 
 
-def _with_table(search: Search, explanation: Explanation, curve: Curve, clearance: float) -> Attempt | None:
-    """Fit a table from its values and a clearance [m], on paths that follow it."""
-    held = [free_form(curve, search.setting.joint)]
-    return fit_from(search, explanation, explanation.nominal, held, curve.forces, clearance, anew=True)
+def _with(search: Search, explanation: Explanation, force: Hypothesis, clearance: float) -> Attempt | None:
+    """Fit a force from its values and a clearance [m], on paths that follow it."""
+    return fit_from(search, explanation, explanation.nominal, [force], force.start, clearance, anew=True)
 
 
 def _on_the_path_of(pushed: Attempt, search: Search, explanation: Explanation) -> None:

@@ -77,7 +77,7 @@ def suspicious(explanation: Explanation) -> bool:
     """Whether the nominal machine is further off than any on which nothing is missing, though it follows."""
     score = explanation.hints[0].gain if explanation.hints else 0.0
     sure = score > SURE and not usual(explanation)
-    return sure or explanation.shaken or explanation.nominal.misfit > CALM
+    return sure or explanation.shaken is not None or explanation.nominal.misfit > CALM
 
 
 def usual(explanation: Explanation) -> bool:

@@ -13,6 +13,7 @@ from clearance.diagnosis.searching.elsewhere import (
     begin_inside,
     begin_plausible,
     begin_sure,
+    rhythm_of,
 )
 from clearance.diagnosis.searching.explanation import Explanation, Suspected, penalised
 from clearance.diagnosis.searching.free_search import fit_curve, name_curve, reshape, sharpen, suggest_curve
@@ -133,6 +134,10 @@ def _search_all(
     def balance() -> None:
         if nominal.misfit >= NEARLY:
             pushed.extend(begin_balanced(search, explanation))
+            best = explanation.best
+            # the period that led its path is no longer its own
+            if rhythm_of(best) is not None and not (_enough(explanation) or search.late()):
+                begin_again(search, explanation)
 
     def balance_near() -> None:  # there a linear look at names is cheaper, and tables finer here than there
         if nominal.misfit < NEARLY and not settled(search, explanation, nominal):

@@ -13,6 +13,7 @@ from clearance.diagnosis.hypotheses.free_form import (
     KNOTS,
     Curve,
     free_form,
+    known_force,
     resisting,
 )
 from clearance.diagnosis.hypotheses.hypothesis import Setting
@@ -31,6 +32,8 @@ from clearance.diagnosis.judging.verdict import (
     withdraw,
 )
 from clearance.diagnosis.judging.words import sentences
+from clearance.diagnosis.kinematics.rhythm import Rhythm
+from clearance.diagnosis.kinematics.shaking import Shaking
 from clearance.diagnosis.searching.explanation import Explanation, Rails, Suspected
 from clearance.diagnosis.shooting.fit import Fit
 from clearance.diagnosis.shooting.model import Model, Unknown
@@ -301,6 +304,22 @@ def torque_table(between):
     fit = Fit(Model(unknowns, lambda _: None), values, 0.0, [one], information)
     attempt = Attempt((hypothesis,), fit.model, fit, 1.0, 1.0, [])
     return free_form_of(attempt, Setting(SliderCrank(), "C"))
+
+
+@pytest.mark.parametrize(("deviation", "band"), [(0.5, 0.98), (np.inf, None)])
+def test_a_measured_force_is_as_sure_as_the_recordings_agree_on_it(deviation, band):
+    wave = 40.0 * WAVE
+    curve = Curve("frame", "x", "time", np.zeros(1), wave, wave, 0.0, 0.0, "linear", 0.06)
+    follower = SimpleNamespace(measured=SimpleNamespace(clock=0.02))
+    fit = SimpleNamespace(values=np.array([[3e-4, 700.0]]))
+    pushed = Attempt((known_force(curve),), SimpleNamespace(shared=1), fit, 1.0, 1.0, [follower])
+    shaken = Shaking(Rhythm(0.06, (0.02,)), "x", wave, 0.99, deviation)
+    found = free_form_of(pushed, Setting(SliderCrank(), "C"), shaken)
+    np.testing.assert_allclose(found["table"], np.column_stack([0.015 * np.arange(4), wave]))
+    assert (found["body"], found["argument"], found["period"]) == ("frame", "time", 0.06)
+    assert found["clocks"] == [0.02]
+    expected = [None] * 4 if band is None else pytest.approx(wave - band)
+    assert found["low"] == expected
 
 
 def test_of_a_torque_without_a_name_only_what_varies_is_given():

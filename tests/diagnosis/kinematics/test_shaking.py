@@ -95,3 +95,22 @@ def test_a_force_that_shakes_a_known_frame_is_read_off_the_balance():
     assert np.ptp(shaking.forces) == pytest.approx(80.0, rel=0.1)
     on_the_ground = machine("C", 1e-4)
     assert find_shaking([measured], [(known.angle, known.speed)], on_the_ground) is None
+
+
+def test_jumps_of_a_force_tell_its_period_and_two_recordings_how_sure_it_is():
+    square = np.repeat([40.0, -40.0], 24)
+    parts = []
+    for ahead in (0, 12):
+        wave = tuple(np.roll(square, -ahead))
+        force = TabulatedForce("frame", "x", "time", 0.0, None, wave, "linear", 0.06)
+        parts.append(recorded(machine("C", 3e-4, frame=SOFT, force=force), sensors=(*AT_A, *SENSORS)))
+    known = [aligned(states) for _, states in parts]
+    turns = [(one.angle, one.speed) for one in known]
+    found = find_shaking([measured for measured, _ in parts], turns, machine("C", 1e-4, frame=SOFT))
+    assert found.rhythm.period == pytest.approx(0.06, rel=3e-4)
+    assert found.rhythm.clocks[1] == pytest.approx(0.015, abs=2e-4)
+    assert found.share > 0.97
+    assert 0.0 < found.deviation < 2.0
+    level = np.abs(found.forces[np.abs(np.gradient(found.forces)) < 5.0])  # not where it jumps
+    assert len(level) > 30
+    assert np.abs(level - 40.0).max() < 6.0

@@ -5,7 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clearance.diagnosis.judging.verdict import place_of, verdict_of
+from clearance.diagnosis.hypotheses.free_form import FREE_FORM
+from clearance.diagnosis.judging.verdict import place_of, verdict_of, withdraw
+from clearance.diagnosis.kinematics.rhythm import Rhythm
+from clearance.diagnosis.kinematics.shaking import Shaking
 from clearance.diagnosis.searching import significance
 from clearance.diagnosis.searching.explanation import Explanation, Suspected
 from clearance.diagnosis.searching.significance import null_scores, p_value, suspicious, usual
@@ -35,16 +38,32 @@ def test_what_simulations_show_as_often_is_usual(simulated, expected):
     assert suspicious(explanation) != expected
 
 
+SHAKING = Shaking(Rhythm(0.06, (0.0, 0.01)), "x", np.array([40.0, -40.0]), 0.99, 0.5)
+
+
 def test_a_force_that_the_balance_on_the_frame_shows_is_not_nothing():
     """From segment to segment a frame that is pushed looks free: the nominal machine explains."""
     nominal = attempt([], 1.1)
-    for shaken, expected in ((False, "none"), (True, "unknown")):
-        explanation = Explanation(
-            nominal, shaken=shaken, suspected=Suspected("frame", "x", 1.1) if shaken else None
-        )
-        assert suspicious(explanation) == shaken
+    for shaken, expected in ((None, "none"), (SHAKING, "unknown")):
+        suspected = Suspected("frame", "x", 1.1) if shaken else None
+        explanation = Explanation(nominal, shaken=shaken, suspected=suspected)
+        assert suspicious(explanation) == (shaken is not None)
         assert verdict_of(explanation) == expected
         assert place_of(explanation) == (("frame", "x") if shaken else (None, None))
+
+
+def test_a_measured_force_on_the_frame_stands_where_one_step_errors_say_nothing_of_it():
+    nominal, pushed = attempt([], 1.00), attempt([FREE_FORM], 1.01)
+    explanation = Explanation(nominal, [pushed], shaken=SHAKING, shown=pushed)
+    withdraw(explanation)
+    assert explanation.best is pushed
+    assert verdict_of(explanation) == "unknown"
+    better = attempt(["gravity"], 0.9)
+    explanation.attempts.append(better)
+    assert explanation.best is better
+    explanation.shaken = None  # without it the nominal machine would do
+    explanation.attempts.remove(better)
+    assert explanation.best is nominal
 
 
 def test_the_scores_were_measured():
