@@ -1,6 +1,6 @@
 """Forces of free form as tables: the same curve with other knots, and when more of them are tried."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -107,3 +107,42 @@ def test_a_table_gets_more_knots_until_they_say_nothing_more_or_nothing_is_left(
     finer = [with_force([FREE_FORM], left, tabulated("slider_position", 23)) for left in (1.2, 1.02)]
     assert [count for count, _ in sharpened(coarse, finer[:1])] == [23, 23, 45, 45]
     assert [count for count, _ in sharpened(coarse, finer)] == [23, 23]  # 1.02 leaves no room
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What a table over time needs of a recording: its clock, and where its middle is."""
+
+    begin: float = 0.1
+    segment: float = 1e-3
+    clock: float = 0.1
+    period: float = 0.04
+
+
+@pytest.mark.parametrize("right", [0.99, 1.002])
+def test_a_period_is_fitted_where_the_middle_of_a_recording_stays_in_its_place(monkeypatch, right):
+    def follower():
+        return SimpleNamespace(measured=Heard(), segments=600, part=lambda *_: follower())
+
+    known = with_force([FREE_FORM], 9.0, tabulated("time", 4))
+    known.followers, known.scale = [follower()], 3.16
+    curve = Curve("slider", "x", "time", 0.01 * np.arange(4), np.ones(4), np.zeros(4), 0.0, 0.0, period=0.04)
+    heard = []
+
+    def settle(own, model, rows, *_, **__):
+        return SimpleNamespace(level=(own[0].measured.period / 0.04 - right) ** 2)
+
+    def refit(explanation, held, own, *_, **__):
+        heard.append((own[0].measured, held[0].apply(SliderCrank(), np.ones(4)).force))
+        return with_force([FREE_FORM], 3.0, tabulated("time", 4))
+
+    monkeypatch.setattr(free_search, "settle", settle)
+    setting = SimpleNamespace(joint="C", model=lambda held: None)
+    search = SimpleNamespace(report=lambda _: None, refit=refit, setting=setting, workers=1)
+    found, other = free_search._retime(search, Explanation(known), curve, known)
+    ((measured, law),) = heard
+    expected = 0.04 * max(right, 0.997)  # no further than the balance of work may be wrong
+    assert law.period == measured.period == other.period == pytest.approx(expected, rel=2e-4)
+    assert found.misfit == 3.0
+    middle = 0.1 + 0.3
+    assert (measured.clock + 0.3) / measured.period == pytest.approx(middle / 0.04, abs=1e-6)
