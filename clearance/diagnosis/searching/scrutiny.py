@@ -75,6 +75,46 @@ def contest(search: Search, explanation: Explanation) -> None:
             attempt.withdrawn |= unnamed(attempt.hypotheses) is not None
 
 
+def hear(explanation: Explanation) -> None:
+    """Withdraw a fault of a sensor beside which another one of it tells better what the sensor has recorded.
+
+    Attempts compare recordings with the fault undone. What comes back through a resonance has other noise
+    than what was late, so that two faults of one sensor are compared with the recording as it is.
+    """
+    while len(rivals := _rivals(explanation)) > 1:
+        cost = [_heard(attempt) for attempt in rivals]
+        if cost[0] - min(cost) < SURE:
+            return
+        rivals[0].withdrawn = True
+
+
+def _rivals(explanation: Explanation) -> list[Attempt]:
+    """The best attempt and those that differ from it by the kind of one sensor's fault alone."""
+
+    def places(attempt: Attempt) -> list[str]:
+        return sorted(h.channel or h.label for h in attempt.hypotheses)
+
+    best = explanation.best
+    if not any(h.channel for h in best.hypotheses):
+        return []
+    others = (a for a in explanation.standing[1:] if a is not best and explained(a))
+    return [best, *(a for a in others if places(a) == places(best))]
+
+
+def _heard(attempt: Attempt) -> float:
+    """Robust sum of squares of what instruments make of an attempt's signals, beside the recordings."""
+    total = 0.0
+    for follower, row, one in zip(attempt.followers, attempt.fit.values, attempt.fit.passes, strict=True):
+        measured = follower.measured
+        channels = len(measured.channels)
+        told = attempt.model.instrument(row).apply(
+            one.predicted.reshape(-1, channels), measured.channels, measured.chain.rate
+        )
+        apart = disagreement((told - measured.values.reshape(-1, channels)) / measured.sigma)
+        total += len(told) * float((apart**2).sum())
+    return total
+
+
 def _compare_kinds(search: Search, explanation: Explanation, base: Attempt) -> None:
     """Where a fault of a sensor is best beside ``base``: its other kinds look alike in a linear look."""
     added = explanation.best.hypotheses[len(base.hypotheses) :]

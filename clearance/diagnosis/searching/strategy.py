@@ -27,7 +27,7 @@ from clearance.diagnosis.searching.from_motion import (
 )
 from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE, suggest_channels
 from clearance.diagnosis.searching.rattling import begin_guide
-from clearance.diagnosis.searching.scrutiny import contest, scrutinise
+from clearance.diagnosis.searching.scrutiny import contest, hear, scrutinise
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.shaken import begin_frame, begin_shaking
 from clearance.diagnosis.searching.significance import incomplete, unsettled
@@ -95,6 +95,7 @@ def find_explanation(
             begin_elsewhere(search, explanation, explanation.nominal)
         if explanation.best.hypotheses:
             scrutinise(search, explanation, most)
+    hear(explanation)
     contest(search, explanation)
     prune(search, explanation)
     retry_nominal(search, explanation)
