@@ -27,7 +27,7 @@ def measure_gpu(campaign: Campaign, workers: int, runs: int) -> dict[str, Any]:
     Raises:
         InputError: if there is no GPU.
     """
-    require_gpu()
+    require_gpu("suite = gpu", "choose suite=simulator or suite=together")
     from numba import cuda
 
     short = replace(campaign, runs=_COMPARED, duration=_COMPARED_SECONDS, record_start=0.0)

@@ -31,8 +31,12 @@ _SHARE = 0.8  # of the free memory; the driver needs some for what spills from r
 _AT_HOST = 64  # runs that are copied to the host at a time
 
 
-def require_gpu() -> None:
+def require_gpu(asked: str = "device = cuda", instead: str = "change device to cpu") -> None:
     """Check that simulations can run on a GPU here.
+
+    Args:
+        asked: the key and value that ask for one.
+        instead: what else could be done.
 
     Raises:
         InputError: if a package or the GPU is missing.
@@ -40,8 +44,7 @@ def require_gpu() -> None:
     simulated = os.environ.get("NUMBA_ENABLE_CUDASIM") == "1"  # by Numba itself, for tests: Python for a GPU
     if not simulated and find_spec("numba_cuda") is None:
         raise InputError(
-            "device = cuda needs numba-cuda, which is not installed: pip install '.[cuda]', or "
-            "change device to cpu"
+            f"{asked} needs numba-cuda, which is not installed: pip install '.[cuda]', or {instead}"
         )
     from numba import cuda
 
@@ -49,8 +52,8 @@ def require_gpu() -> None:
     logging.getLogger("numba").setLevel(logging.WARNING)
     if not cuda.is_available():
         raise InputError(
-            "device = cuda needs an NVIDIA GPU with its driver, and CUDA's compiler, which comes with "
-            "pip install '.[cuda]'; one of them was not found: change device to cpu"
+            f"{asked} needs an NVIDIA GPU with its driver, and CUDA's compiler, which comes with "
+            f"pip install '.[cuda]'; one of them was not found: {instead}"
         )
 
 
