@@ -70,7 +70,8 @@ def follow_again(
         best: Followed = (found.followers[r], row, found.misfits[r])
         if best[2] < EXPLAINED:
             return best
-        for start in Start.several(traces[r], model.held(row), LOOSENESS, _PLACES):
+        places = 1 if late() else _PLACES
+        for start in Start.several(traces[r], model.held(row), LOOSENESS, places):
             other = grow(start, model, row, patient=True)
             assert other is not None  # without a limit none is given up
             best = other if other[2] < best[2] else best

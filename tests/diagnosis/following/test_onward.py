@@ -80,7 +80,9 @@ def test_only_what_was_lost_is_followed_from_other_places_until_one_follows(
         asked.append(next(ends))
         return start, row, asked[-1]
 
-    monkeypatch.setattr(onward, "Start", SimpleNamespace(several=lambda *_: ["a", "b", "c", "d"]))
+    monkeypatch.setattr(
+        onward, "Start", SimpleNamespace(several=lambda *asked_for: list("abcd")[: asked_for[-1]])
+    )
     monkeypatch.setattr(onward, "grow", grow)
     monkeypatch.setattr(
         onward, "refine", lambda _, model, followers, rows, scale, *more: SimpleNamespace(
