@@ -128,8 +128,8 @@ def _ranking(explanation: Explanation) -> list[dict[str, Any]]:
     samples, chance = sum(p.samples for p in explanation.nominal.fit.passes), probabilities(explanation)
     rows = []
     best = explanation.best
-    shown = [] if explanation.shown is None else [explanation.shown]
-    for attempt in sorted([*explanation.attempts, *shown], key=penalised):
+    tried = {id(a): a for a in [*explanation.attempts, explanation.shown] if a is not None}
+    for attempt in sorted(tried.values(), key=penalised):
         effects = effects_of(attempt, chance)
         fall = samples * (explanation.nominal.misfit - attempt.misfit)
         rows.append(
@@ -139,7 +139,7 @@ def _ranking(explanation: Explanation) -> list[dict[str, Any]]:
                 "log_likelihood_gain": 0.5 * fall,
                 "p_value": p_value(fall),
                 "parameters": {k: v for e in effects for k, v in e["parameters"].items()},
-                "asserted": attempt is best and (explained(attempt) or attempt in shown),
+                "asserted": attempt is best and (explained(attempt) or attempt is explanation.shown),
                 "note": f"misfit {attempt.misfit:.3g} (1 is perfect)"
                 + (
                     "; withdrawn: may as well be off, or a simpler one does as well"

@@ -1,0 +1,25 @@
+"""The list of what was tried."""
+
+from clearance.diagnosis.hypotheses.free_form import FREE_FORM
+from clearance.diagnosis.judging.evidence import _ranking
+from clearance.diagnosis.judging.verdict import Estimate
+from clearance.diagnosis.searching.explanation import Explanation
+from tests.diagnosis.judging.test_verdict import attempt, known
+
+
+def labelled(name, misfit):
+    found = attempt([name], misfit)
+    found.hypotheses[0].label, found.hypotheses[0].direction = name, "x"
+    found.hypotheses[0].body = "slider"
+    return found
+
+
+def test_what_the_motion_shows_is_listed_once_though_it_was_followed(monkeypatch):
+    known(monkeypatch, lambda _: [Estimate(3e-4, 3e-4, 3e-4), Estimate(1.0, 0.9, 1.1)])
+    pushed, spring = labelled(FREE_FORM, 1.01), labelled("slider_spring", 40.0)
+    for shown, asserted in ((pushed, True), (None, False)):
+        nominal = attempt([], 1.0)
+        explanation = Explanation(nominal, [pushed, spring], shown=shown, shaken="shaken")
+        rows = _ranking(explanation)
+        assert [row["name"] for row in rows] == [FREE_FORM, "slider_spring"]
+        assert [row["asserted"] for row in rows] == [asserted, False]
