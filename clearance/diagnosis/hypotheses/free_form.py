@@ -122,6 +122,15 @@ def refined(curve: Curve, interpolation: str) -> Curve:
     )
 
 
+def halved(curve: Curve) -> Curve:
+    """A curve over the same range with half as many knots, and a spline from one to the next."""
+    count = len(curve.knots) // 2
+    end = curve.knots[0] + len(curve.knots) * (curve.knots[1] - curve.knots[0])
+    knots = np.linspace(curve.knots[0], end if curve.repeats else curve.knots[-1], count, not curve.repeats)
+    forces = along(curve, knots)
+    return replace(curve, knots=knots, forces=forces, deviations=np.zeros(count), interpolation="cubic")
+
+
 def curve_of(law: TabulatedForce) -> Curve:
     """The table of a machine as a curve."""
     count = len(law.values)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained
-from clearance.diagnosis.hypotheses.free_form import KNOTS
+from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.searching.balance import settle_in, suggest_forces
 from clearance.diagnosis.searching.beside import HALFWAY, NEARLY
@@ -52,15 +52,16 @@ def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
         if names in alike or len(alike) == _FITTED:
             continue
         alike.append(names)
-        found = _follow(search, explanation, search.setting, one)
-        table = one.curve
+        found, table = _follow_table(search, explanation, one)
         if found is not None and table is not None and len(table.knots) <= KNOTS and not explained(found):
             refine_table(search, explanation, table, found)
         nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
         if explained(explanation.best) or nearly or search.late():
             break
     if suggested.weak is not None and not (explained(explanation.best) or nearly or search.late()):
-        _follow(search, explanation, search.setting, suggested.weak)
+        found, table = _follow_table(search, explanation, suggested.weak)
+        if found is not None and table is not None and not explained(found):
+            refine_table(search, explanation, table, found)
     return suggested.pairs
 
 
@@ -175,6 +176,19 @@ def begin_wear(search: Search, explanation: Explanation, base: Attempt) -> None:
         f"{one.clearance * 1e3:.3f} mm: {one.share:.0%} of the disagreement are left"
     )
     fit_from(search, explanation, base, [one.hypothesis], one.values, one.clearance, anew=True)
+
+
+def _follow_table(
+    search: Search, explanation: Explanation, one: Balanced
+) -> tuple[Attempt | None, Curve | None]:
+    """Follow what the balance suggests, a table that fails with fewer knots; and with which curve.
+
+    What a few sensors hear of strong impacts is not enough for each of many knots.
+    """
+    found = _follow(search, explanation, search.setting, one)
+    if found is None and one.fewer is not None and not search.late():
+        return _follow(search, explanation, search.setting, one.fewer), one.fewer.curve
+    return found, one.curve
 
 
 def _follow(

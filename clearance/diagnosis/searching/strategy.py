@@ -136,8 +136,10 @@ def _search_all(
         if nominal.misfit >= NEARLY:
             pushed.extend(begin_balanced(search, explanation))
             best = explanation.best
-            # the period that led its path is no longer its own
-            if rhythm_of(best) is not None and not (_enough(explanation) or search.late()):
+            # a table that leaves little, or has another period by now, is more than what led its path
+            table = unnamed(best.hypotheses) is not None
+            told = table and (best.misfit < _PART * nominal.misfit or rhythm_of(best) is not None)
+            if told and not (_enough(explanation) or search.late()):
                 begin_again(search, explanation)
 
     def balance_near() -> None:  # there a linear look at names is cheaper, and tables finer here than there

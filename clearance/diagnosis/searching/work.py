@@ -12,7 +12,7 @@ from math import pi
 
 import numpy as np
 
-from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, curve_over, free_form, refined
+from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, curve_over, free_form, halved, refined
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.kinematics.agreement import loose
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
@@ -63,6 +63,7 @@ class Balanced:
         clearance: of the joint beside them [m].
         curve: what a force of free form, which has no name, is a function of.
         rhythm: of one that repeats by a clock of its own.
+        fewer: a table of half as many knots, where a few sensors say too little of each.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -71,6 +72,7 @@ class Balanced:
     clearance: float
     curve: Curve | None = None
     rhythm: Rhythm | None = None
+    fewer: "Balanced | None" = None
 
     @property
     def sizes(self) -> int:
@@ -211,7 +213,7 @@ class Balance:
                 body, direction, "time", knots, np.ones(KNOTS), np.zeros(KNOTS), 0.0, 0.0,
                 period=rhythm.period,
             )  # fmt: skip
-            found += [replace(one, rhythm=rhythm) for one in clocked._cheapest(curve, most)]
+            found += [replace(one, rhythm=rhythm, fewer=None) for one in clocked._cheapest(curve, most)]
         return found
 
     def _cheapest(self, coarse: Curve, most: float) -> "list[Balanced]":
@@ -219,6 +221,7 @@ class Balance:
         one = self._table(coarse)
         if one is None:
             return []
+        fewer = self._table(halved(coarse))
         coarse = replace(coarse, forces=one.values)
         finer = [self._table(refined(coarse, between)) for between in ("linear", "cubic")]
         each = [table for table in (one, *finer) if table is not None and table.cost < most]
@@ -227,7 +230,7 @@ class Balance:
         finest = self._table(refined(refined(coarse, "cubic"), "cubic"))
         if finest is not None and finest.cost < min([most, *(_FINEST * one.cost for one in best)]):
             return [finest]
-        return best
+        return [replace(one, fewer=fewer) for one in best]
 
     def _table(self, curve: Curve) -> Balanced | None:
         """A force of free form from the forces of a curve on."""

@@ -8,8 +8,9 @@ import pytest
 
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.searching import from_motion
+from clearance.diagnosis.searching.balance import Suggested
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.from_motion import begin_beside, begin_pairs
+from clearance.diagnosis.searching.from_motion import begin_balanced, begin_beside, begin_pairs
 from clearance.diagnosis.searching.work import Balanced
 from tests.diagnosis.judging.test_verdict import attempt
 
@@ -81,3 +82,33 @@ def test_beside_a_part_the_balance_of_work_is_asked_again(monkeypatch, misfit, f
     begin_beside(search, Explanation(attempt([], 1000.0), [part]), part)
     assert fitted == [["gravity", name] for name in expected]
     assert asked == ([("machine -9.9", True)] if expected else [])
+
+
+@pytest.mark.parametrize("weak", [False, True])
+@pytest.mark.parametrize(("follows", "expected"), [(12, [12]), (6, [12, 6]), (0, [12, 6])])
+def test_a_table_that_is_not_followed_is_tried_with_fewer_knots(monkeypatch, follows, expected, weak):
+    def table(knots, fewer=None):
+        curve = SimpleNamespace(
+            knots=np.zeros(knots), body="slider", argument="slider_velocity", interpolation=""
+        )
+        hypothesis = SimpleNamespace(name="free_form", label="free_form(slider x)", body="slider")
+        return Balanced((hypothesis,), np.ones(knots), 2.0, 3e-4, curve, fewer=fewer)
+
+    def fit(search, explanation, base, hypotheses, values, *more, **other):
+        tried.append(len(values))
+        return attempt(["free_form"], 9.0) if len(values) == follows else None
+
+    tried, refined = [], []
+    one = table(12, table(6))
+    suggested = Suggested([] if weak else [one], balanced=False, weak=one if weak else None)
+    monkeypatch.setattr(from_motion, "suggest_forces", lambda *_: suggested)
+    monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
+    monkeypatch.setattr(from_motion, "fit_from", fit)
+    monkeypatch.setattr(from_motion, "refine_table", lambda *given: refined.append(len(given[2].knots)))
+    search = SimpleNamespace(
+        setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext(),
+        profile=SimpleNamespace(best=3e-4),
+    )  # fmt: skip
+    begin_balanced(search, Explanation(attempt([], 1000.0)))
+    assert tried == expected
+    assert refined == [follows] * (follows > 0)

@@ -13,6 +13,7 @@ from clearance.diagnosis.hypotheses.free_form import (
     curve_of,
     curve_over,
     free_form,
+    halved,
     refined,
 )
 from clearance.diagnosis.searching import free_search
@@ -41,6 +42,17 @@ def test_a_table_with_more_knots_is_the_same_curve(argument):
     smooth = refined(curve, "cubic")
     np.testing.assert_allclose(along(smooth, curve.knots), curve.forces, atol=1e-12)
     assert np.abs(along(smooth, places) - along(curve, places)).max() > 0.01
+
+
+@pytest.mark.parametrize("argument", ["crank_angle", "slider_velocity"])
+def test_a_table_with_half_as_many_knots_covers_the_same_range(argument):
+    turning = argument == "crank_angle"
+    low, high = (0.0, 2.0 * np.pi) if turning else (-2.0, 3.0)
+    knots = np.linspace(low, high, 12, endpoint=not turning)
+    curve = Curve("slider", "x", argument, knots, np.cos(knots), np.ones(12), 1.0, 1.0)
+    fewer, places = halved(curve), np.linspace(low, high, 100)
+    assert (len(fewer.knots), fewer.interpolation) == (6, "cubic")
+    np.testing.assert_allclose(along(fewer, places), np.cos(places), atol=0.1)
 
 
 @pytest.mark.parametrize(
