@@ -88,7 +88,10 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         ),
         "held_out_before": quantiles([one["before"] / one["floor"] for one in held if one.get("before")]),
         "held_out_after": quantiles([one["after"] / one["floor"] for one in held]),
-        "held_out_at_floor": rate([one["after"] <= 1.1 * one["floor"] for one in held]),
+        # of what could be followed in part alone nobody knows the rest
+        "held_out_at_floor": rate(
+            [one["after"] <= 1.1 * one["floor"] and not one.get("shares") for one in held]
+        ),
         "claims_borne_out": rate([row["left_over"] <= 1.0 for row in claims]),
         "left_over": quantiles([row["left_over"] for row in claims]),
         "seconds": quantiles([row["seconds"] for row in rows]),

@@ -1,100 +1,129 @@
-"""Follow what was held out where a first try lost it: from the fitted stretch on, or from other places."""
+"""Follow what was held out: from its surest place, from the fitted stretch on, or from other places."""
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import COARSE, EXPLAINED, LOOSENESS, TIGHT, Attempt, refine
-from clearance.diagnosis.following.growth import ISLAND, Followed, Start, grow, scale_of
+from clearance.diagnosis.following.attempt import (
+    COARSE,
+    LOOSENESS,
+    TIGHT,
+    Attempt,
+    explained,
+    integrator_at,
+    refine,
+)
+from clearance.diagnosis.following.growth import ISLAND, TORN, Followed, Start, grow, scale_of
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
-from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.fit import fit, settle
+from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.diagnosis.shooting.model import Model
 
 _PLACES = 4  # from which a recording that was lost is followed again
 _FURTHEST = 3000  # segments from there on to what was held out: each is followed, and costs memory
 _BACK = 4  # segments before the end of the fitted stretch, which the end's samples hardly know
+_MOST = 0.5  # of what was held out: a stretch that is shorter says too little of a machine
+_NOTHING = np.zeros((1, 0))
 
 
-def go_on(attempt: Attempt, traces: Sequence[Trace], model: Model, workers: int) -> Attempt | None:
-    """Follow what was held out from where the fitted stretches end; ``None`` where it is not soon after that.
-
-    Which states are possible when nothing before is known may be lost among many: a shoe that hangs between
-    its rails shows nothing of where. Whoever was on the way there knows.
-
-    Args:
-        attempt: that explains the fitted stretches.
-        traces: of what was held out.
-        model: of the attempt's machine, its speed unknown.
-        workers: threads.
-    """
-    pairs = [(trace, _before(attempt, trace.measured)) for trace in traces]
-
-    def one(pair: tuple[Trace, tuple[Follower, float] | None]) -> Followed:
-        trace, known = pair
-        assert known is not None
-        before, speed = known
-        own, end = trace.measured.first, trace.measured.first + trace.length
-        follower = Follower(_joined(before.measured, end), COARSE, TIGHT.copy())
-        follower.path.nodes[: before.segments] = before.path.nodes
-        start = Start(trace, follower, before.segments - ISLAND - _BACK, 0.0)
-        found, row, misfit = _grown(start, model, np.array([speed]))
-        skipped = own - found.measured.first
-        return found.part(skipped, found.segments), row, misfit
-
-    if any(known is None for _, known in pairs):
-        return None
-    with ThreadPoolExecutor(workers) as pool:
-        return _together(list(pool.map(one, pairs)), model, workers)
-
-
-def follow_again(
-    found: Attempt, traces: Sequence[Trace], model: Model, workers: int, late: Callable[[], bool]
-) -> Attempt:
-    """Follow recordings that were lost from other places, where their path is sure too.
+def ways_to_follow(trace: Trace, model: Model, row: np.ndarray, patience: int) -> Iterator[Followed]:
+    """Follow a recording from where its path is surest, then from other places, while more is asked for.
 
     Near chaos a machine that is right is lost at one impact and not at another.
 
     Args:
-        found: with the recordings, some lost; returned where nothing is better.
-        traces: of the recordings.
-        model: of a machine that explains others, its speed unknown.
-        workers: threads.
-        late: whether the time is over: one other place is then enough.
+        trace: of the recording.
+        model: of the machine, its speed unknown.
+        row: (1,) speed to begin with [rpm].
+        patience: as of ``Start.of``; without any it is followed once.
     """
-
-    def one(r: int) -> Followed:
-        row = found.fit.values[r]
-        best: Followed = (found.followers[r], row, found.misfits[r])
-        if best[2] < EXPLAINED:
-            return best
-        places = 1 if late() else _PLACES
-        for start in Start.several(traces[r], model.held(row), LOOSENESS, places):
-            other = grow(start, model, row, patient=True)
-            assert other is not None  # without a limit none is given up
-            best = other if other[2] < best[2] else best
-            if best[2] < EXPLAINED or late():
-                break
-        return best
-
-    with ThreadPoolExecutor(workers) as pool:
-        each = list(pool.map(one, range(len(traces))))
-    if all(follower is before for (follower, _, _), before in zip(each, found.followers, strict=True)):
-        return found
-    again = _together(each, model, workers)
-    return again if again.misfit < found.misfit else found
+    held, patient = model.held(row), patience > 0
+    yield _grown(Start.of(trace, held, LOOSENESS, patience), model, row, patient)
+    if patient:
+        for start in Start.several(trace, held, LOOSENESS, _PLACES):
+            yield _grown(start, model, row, patient)
 
 
-def _together(each: Sequence[Followed], model: Model, workers: int) -> Attempt:
-    """Recordings that were followed one by one, as one attempt."""
-    rows, misfit = np.stack([row for _, row, _ in each]), float(np.mean([m for _, _, m in each]))
-    return refine((), model, [follower for follower, _, _ in each], rows, scale_of(misfit), 8, workers)
+def go_on(attempt: Attempt, trace: Trace, model: Model) -> Followed | None:
+    """Follow what was held out from where the fitted stretch ends; ``None`` where it is not soon after that.
+
+    Which states are possible when nothing before is known may be lost among many: a shoe that hangs between
+    its rails shows nothing of where. Whoever was on the way there knows. A path that was lost on the way and
+    found again later is followed over the longest stretch, if that is most of what was held out.
+
+    Args:
+        attempt: that explains the fitted stretches.
+        trace: of what was held out.
+        model: of the attempt's machine, its speed unknown.
+    """
+    known = _before(attempt, trace.measured)
+    if known is None:
+        return None
+    before, speed = known
+    own, end = trace.measured.first, trace.measured.first + trace.length
+    follower = Follower(_joined(before.measured, end), COARSE, TIGHT.copy())
+    follower.path.nodes[: before.segments] = before.path.nodes
+    start = Start(trace, follower, before.segments - ISLAND - _BACK, 0.0)
+    found, row, _ = _grown(start, model, np.array([speed]), True, start.follower.segments)
+    skipped = own - found.measured.first
+    return _longest(found.part(skipped, found.segments), model, row)
 
 
-def _grown(start: Start, model: Model, row: np.ndarray) -> Followed:
-    found = grow(start, model, row, most=start.follower.segments, patient=True)
+def best_of(ways: Iterable[Followed | None], model: Model) -> Attempt:
+    """The first way on which a recording is explained, or the one that leaves least.
+
+    Args:
+        ways: to follow one recording; asked for one after another.
+        model: of the machine, its speed unknown.
+    """
+    best: Attempt | None = None
+    for found in ways:
+        if found is None:
+            continue
+        follower, row, misfit = found
+        other = refine((), model, [follower], row[None], scale_of(misfit), 8)
+        best = other if best is None or other.misfit < best.misfit else best
+        if explained(best):
+            break
+    assert best is not None
+    return best
+
+
+def together(each: Sequence[Attempt], workers: int) -> Attempt:
+    """Recordings that were followed one by one, each with a speed of its own, as one attempt.
+
+    Where one is explained all are looked at without annealing: what is left of one that was lost is then told
+    beside what is left of the others.
+    """
+    scale = 1.0 if any(explained(one) for one in each) else max(one.scale for one in each)
+    followers = [one.followers[0] for one in each]
+    for follower in followers:
+        follower.integrator = integrator_at(scale)
+    values = np.concatenate([one.fit.values for one in each])
+    found = fit(followers, each[0].model, values, 0, 1.0, workers, scale=scale)
+    return Attempt((), each[0].model, found, scale, found.level, followers)
+
+
+def _longest(follower: Follower, model: Model, row: np.ndarray) -> Followed:
+    """The longest stretch on which a path is not lost, if that is most of it; or all of it."""
+    held = model.held(row)
+    seen = settle([follower], held, _NOTHING, 0)
+    several = np.convolve(seen.passes[0].each[EDGE:-EDGE], np.full(ISLAND, 1.0 / ISLAND), "valid")
+    lost = np.flatnonzero(~(several < TORN))
+    if len(lost) > 0:
+        bounds = np.concatenate([[-1], lost, [follower.segments - 2 * EDGE]])
+        widest = int(np.argmax(np.diff(bounds)))
+        begin, end = EDGE + int(bounds[widest]) + 1, EDGE + int(bounds[widest + 1])
+        if end - begin >= _MOST * follower.segments:
+            follower = follower.part(begin, end)
+            seen = settle([follower], held, _NOTHING, 0)
+    return follower, row, seen.level
+
+
+def _grown(start: Start, model: Model, row: np.ndarray, patient: bool, most: int | None = None) -> Followed:
+    found = grow(start, model, row, most=most, patient=patient)
     assert found is not None  # without a limit none is given up
     return found
 

@@ -1,14 +1,15 @@
 """The nominal and the best machine beside recordings that neither was fitted to."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained, refine
-from clearance.diagnosis.following.onward import follow_again, go_on
-from clearance.diagnosis.following.trace import Trace
+from clearance.diagnosis.following.growth import Followed
+from clearance.diagnosis.following.onward import best_of, go_on, together, ways_to_follow
+from clearance.diagnosis.following.trace import Trace, wanted
 from clearance.diagnosis.judging.likelihood import ask_likelihood
 from clearance.diagnosis.judging.mismatch import Innovations, innovations, root_mean_square
 from clearance.diagnosis.judging.verdict import equivalents, withdraw
@@ -16,7 +17,7 @@ from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.searching.balance import find_clock
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
-from clearance.diagnosis.searching.rattling import fit_rattling
+from clearance.diagnosis.searching.rattling import follow_rattling
 from clearance.diagnosis.searching.search import PATIENCE, Search
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.diagnosis.shooting.fit import Fit
@@ -25,6 +26,8 @@ from clearance.diagnosis.shooting.model import Model, Unknown
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import NoForce, TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
+
+_WHOLE = 0.95  # of what is followed otherwise: a share that is less is told
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,16 @@ class Judged:
     errors_before: list[Innovations]
     errors_after: list[Innovations]
     withdrawn: list[str]
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Of recordings of which a part alone could be followed, that part."""
+        found = {}
+        for whole, own, row in zip(self.held_out, self.after.followers, self.after.fit.values, strict=True):
+            share = own.segments / wanted(whole, row[-1] * np.pi / 30.0)
+            if share < _WHOLE:
+                found[whole.name] = share
+        return found
 
 
 def ask(search: Search, explanation: Explanation) -> None:
@@ -136,45 +149,50 @@ def _held_out(
     )
     own, instrument = model.machine(attempt.fit.values[0]), model.instrument(attempt.fit.values[0])
     machine = _elsewhere(own)
-    found: Attempt | None
     if beside is not None and alike(machine, beside.model.machine(beside.fit.values[0])):
         speeds = beside.fit.values[:, -1:]
         found = refine((), only_speed, beside.followers, speeds, ANNEALING[1], 8, search.workers, False)
     else:
+        # what explains its own recordings is looked for with patience in others, unless it is theirs alone
+        patience = PATIENCE if explained(attempt) and not _passing(own) else 0
 
-        def one(measured: Measured) -> Trace:
+        def one(measured: Measured) -> Attempt:
             try:
                 known = aligned(measured, machine, speeds_near(search))
-                return Trace.of(measured, known, machine, instrument)
+                trace = Trace.of(measured, known, machine, instrument)
             except np.linalg.LinAlgError:
                 raise InputError(
                     f"held_out: {measured.name} shows no motion of this mechanism; is it another machine's, "
                     "or a sensor broken? Leave it out: what was fitted is kept"
                 ) from None
+            return best_of(_ways(search, attempt, trace, only_speed, patience), only_speed)
 
         with ThreadPoolExecutor(search.workers) as pool:
-            traces = list(pool.map(one, held_out))
-        values = np.array([[trace.speed] for trace in traces])
-        # what explains its own recordings is looked for with patience in others, unless it is theirs alone
-        right = explained(attempt) and not _passing(own)
-        found = None
-        if right and any(h.name == LOOSE_GUIDE for h in attempt.hypotheses):
-            found = go_on(attempt, traces, only_speed, search.workers)
-            found = found or fit_rattling(traces, only_speed, values, search.workers, search.late)
-        if found is None:
-            starts = search.begin(traces, only_speed, values, PATIENCE if right else 0)
-            found = search.grown((), values, starts, model=only_speed, patient=right)
-            assert found is not None
-            if right and not explained(found):
-                other = go_on(attempt, traces, only_speed, search.workers)
-                found = other if other is not None and other.misfit < found.misfit else found
-            if right and not explained(found):
-                found = follow_again(found, traces, only_speed, search.workers, search.late)
+            found = together(list(pool.map(one, held_out)), search.workers)
     values = found.fit.values
     found.fit.values = np.concatenate(
         [np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1
     )
     return found
+
+
+def _ways(
+    search: Search, attempt: Attempt, trace: Trace, model: Model, patience: int
+) -> Iterator[Followed | None]:
+    """Ways to follow what was held out of a recording; with patience several, while there is time."""
+    row = np.array([trace.speed])
+    places = ways_to_follow(trace, model, row, patience)
+    if patience > 0 and any(hypothesis.name == LOOSE_GUIDE for hypothesis in attempt.hypotheses):
+        yield go_on(attempt, trace, model)
+        yield follow_rattling(trace, model, row, search.late)
+    else:
+        yield next(places)
+        if patience > 0:
+            yield go_on(attempt, trace, model)
+    for found in places:
+        yield found
+        if search.late():
+            return
 
 
 def _elsewhere(machine: SliderCrank) -> SliderCrank:

@@ -139,6 +139,8 @@ def diagnose(
                 if follower.measured.name not in missed
             ]
         )
+    if judged.shares:
+        fit["held_out"]["shares"] = {name: round(share, 3) for name, share in judged.shares.items()}
     body, direction = place_of(explanation, after)
     clearance, others = clearance_of(explanation), equivalents(explanation)
     named = (
@@ -191,6 +193,11 @@ def diagnose(
             *(
                 f"{label} explains the fitted recordings, but held-out ones are explained as well with less."
                 for label in judged.withdrawn
+            ),
+            *(
+                f"{name}: {share:.0%} of what is followed otherwise could be followed of it when held out; "
+                "its errors are of that part."
+                for name, share in judged.shares.items()
             ),
             *(
                 f"{name}: what was held out of it could not be followed to its end, and its errors are in "

@@ -25,9 +25,10 @@ from clearance.diagnosis.kinematics.agreement import CLEARANCES, COMPARED, Align
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.diagnosis.kinematics.regression import cost_of, regressed, scatter_of
 from clearance.diagnosis.kinematics.turning import Turning, answer, binned
+from clearance.diagnosis.searching.edges import EDGED
 from clearance.diagnosis.searching.geometry import GEOMETRIC
 from clearance.diagnosis.searching.search import Search
-from clearance.diagnosis.searching.work import EDGED, Balance, Balanced, beyond_ideal
+from clearance.diagnosis.searching.work import Balance, Balanced, beyond_ideal
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.parameters import Parameter

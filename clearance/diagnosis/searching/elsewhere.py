@@ -11,6 +11,7 @@ from clearance.diagnosis.hypotheses.free_form import free_form, resisting, rubbi
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching.beside import FAR, beside, enough
+from clearance.diagnosis.searching.edges import EDGED
 from clearance.diagnosis.searching.everywhere import astray, fit_everywhere, start_with
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import FRAME, GEOMETRIC, LOOSE_GUIDE
@@ -32,7 +33,6 @@ _FILM, _FRICTION = "joint_lubrication", "joint_friction"
 _INSIDE = (_FRICTION, "contact_stiffness", "restitution")
 _RESISTING = (1.0, 0.2, 5.0, 0.03)  # N s/m in the middle of the gap, from which a table of resistance begins
 _RUBBING = (0.1, 0.25, 0.03)  # coefficients from which a table of friction begins
-_EDGED = "process_load"  # at one place of many: a size alone says nothing
 
 
 def begin_elsewhere(search: Search, explanation: Explanation, base: Attempt) -> None:
@@ -102,7 +102,7 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
         for group in search.others(base)
         if _of_one_size(group[0])
         and group[0].fault is None
-        and group[0].name not in (*_ELSEWHERE, *GEOMETRIC, *_INSIDE, _FILM, _EDGED)
+        and group[0].name not in (*_ELSEWHERE, *GEOMETRIC, *_INSIDE, _FILM, EDGED)  # at one place of many
         and group[0].label not in known
         and not (explanation.balanced and group[0].body in _OUTSIDE)
     ]

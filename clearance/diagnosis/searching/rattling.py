@@ -117,8 +117,8 @@ def fit_rattling(
     rows: np.ndarray,
     workers: int,
     late: Callable[[], bool],
-    hypotheses: Sequence[Hypothesis] = (),
-    known: Mapping[int, Followed] | None = None,
+    hypotheses: Sequence[Hypothesis],
+    known: Mapping[int, Followed],
 ) -> Attempt | None:
     """Fit a machine to recordings that are each followed from one of their islands, if all are.
 
@@ -131,9 +131,9 @@ def fit_rattling(
         hypotheses: that the model is of.
         known: recordings that were followed before.
     """
-    each = dict(known or {})
+    each = dict(known)
     for r, trace in enumerate(traces):
-        found = each.get(r) or _known(trace, model, rows[r], late)
+        found = each.get(r) or follow_rattling(trace, model, rows[r], late)
         if found is None:
             return None
         each[r] = found
@@ -143,8 +143,15 @@ def fit_rattling(
     return refine(hypotheses, model, [each[r][0] for r in order], values, scale_of(misfit), 8, workers)
 
 
-def _known(trace: Trace, model: Model, row: np.ndarray, late: Callable[[], bool]) -> Followed | None:
-    """Follow a recording with a machine that is known, from whichever island that succeeds."""
+def follow_rattling(trace: Trace, model: Model, row: np.ndarray, late: Callable[[], bool]) -> Followed | None:
+    """Follow a recording with a machine that is known, from whichever island that succeeds.
+
+    Args:
+        trace: of the recording.
+        model: of the machine.
+        row: (unknowns,) to begin with.
+        late: whether the time is over: no other island is then tried.
+    """
     every = []
     for factor in _GAPS if model.shared > _GAP else _GAPS[:1]:  # rails elsewhere show other islands
         other = row.copy()

@@ -7,6 +7,7 @@ from itertools import takewhile
 from clearance.diagnosis.following.attempt import ROOM, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import Curve, unnamed
 from clearance.diagnosis.searching.beside import FAR, NEARLY
+from clearance.diagnosis.searching.edges import place_edges
 from clearance.diagnosis.searching.elsewhere import (
     begin_again,
     begin_elsewhere,
@@ -80,6 +81,7 @@ def find_explanation(
     if not explained(explanation.best):
         _search_all(search, explanation, most, keep)
     if explanation.best.misfit > ROOM and not search.late():
+        place_edges(search, explanation)
         if explained(explanation.best):
             enlarge(search, explanation)
         sharpen(search, explanation)
@@ -188,6 +190,7 @@ def _search_all(
         while base not in built_on and _in_part(base, before, part) and len(base.hypotheses) < most:
             built_on.append(base)
             if base is explanation.best:
+                place_edges(search, explanation)
                 enlarge(search, explanation)
                 if not explained(explanation.best):
                     reshape(search, explanation, explanation.best)

@@ -20,6 +20,7 @@ from clearance.diagnosis.kinematics.regression import cost_of, regressed, scatte
 from clearance.diagnosis.kinematics.rhythm import Needed, Rhythm, find_rhythm
 from clearance.diagnosis.kinematics.rigid_motion import counts
 from clearance.diagnosis.kinematics.turning import Turning, answer, binned
+from clearance.diagnosis.searching.edges import EDGED
 from clearance.diagnosis.searching.search import Search
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import NoForce
@@ -37,8 +38,6 @@ _SAYS = {
 }  # the angle can say all of the place; one recording's time, of the angle
 DRIVE = "soft_drive"
 """Whose recordings are asked for speeds of their own."""
-EDGED = "process_load"
-"""Whose edges no slope tells."""
 _EDGES = 9  # places along the stroke where it may begin or end
 _TABLES = {
     ("slider", "x"): ("slider_position", "slider_velocity", "crank_angle"),

@@ -1,0 +1,77 @@
+"""Where a load on a part of the stroke begins and ends: no slope leads from one place to another far off.
+
+An edge is felt only where the path crosses it. So each is tried all along the stroke, clearance, path and
+sizes following for a few steps, and the load is fitted from where least is left.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import ANNEALING, ROOM, Attempt, tightened
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.shooting.fit import settle
+from clearance.errors import InputError
+from clearance.simulation.layout import Signal
+
+EDGED = "process_load"
+"""The effect that has them."""
+EDGES = ("start", "end")
+_PLACES = 9  # along the stroke where an edge is tried
+_LOOKS, _FINER = 3, 4.0  # at them, each so much finer than the one before
+_STEPS = 4  # in which clearance, path and sizes follow
+
+
+def place_edges(search: Search, explanation: Explanation) -> None:
+    """Fit the load of the best attempt, if it has one and leaves something, from edges along the stroke."""
+    best = explanation.best
+    if best.misfit <= ROOM or best.scale > ANNEALING[3] or search.late():
+        return
+    place = 1
+    for hypothesis in best.hypotheses:
+        if hypothesis.name == EDGED:
+            values = _placed(search, best, hypothesis, place)
+            if (values != best.fit.values).any():
+                where = ", ".join(f"{value:.4g}" for value in values[0, list(_columns(hypothesis, place))])
+                search.report(f"  {hypothesis.label}: less is left with edges at {where}")
+                search.refit(
+                    explanation, best.hypotheses, best.followers, values, ANNEALING[3], again=True
+                )  # fmt: skip
+            return
+        place += len(hypothesis.unknowns)
+
+
+def _placed(search: Search, best: Attempt, hypothesis: Hypothesis, place: int) -> np.ndarray:
+    """(recordings, unknowns) values with the edges of which least is left, one after the other."""
+    along = np.concatenate([one.signals[..., Signal.SLIDER_POSITION].ravel() for one in best.fit.passes])
+    step = (along.max() - along.min()) / (_PLACES - 1)
+    values, least = best.fit.values, best.fit.cost
+    for look in range(_LOOKS):
+        for column in _columns(hypothesis, place):
+            kept = [i for i in range(values.shape[1]) if i != column]
+            found = values
+            edges = along.min() + step * np.arange(_PLACES)
+            if look > 0:
+                edges = values[0, column] + step * _FINER**-look * np.delete(np.arange(-3, 4), 3)
+            for edge in edges:
+                row = values[0].copy()
+                row[column] = edge
+                try:
+                    tried = settle(
+                        tightened(best.followers), best.model.only(kept, row), values[:, kept], _STEPS, 1e-3,
+                        search.workers, scale=best.scale,
+                    )  # fmt: skip
+                except (InputError, np.linalg.LinAlgError):  # it would end before it begins
+                    continue
+                if tried.cost < least:
+                    found, least = np.insert(tried.values, column, edge, axis=1), tried.cost
+            values = found
+    return values
+
+
+def _columns(hypothesis: Hypothesis, place: int) -> Iterator[int]:
+    """Of the edges among an attempt's unknowns."""
+    names = [unknown.name for unknown in hypothesis.unknowns]
+    return (place + names.index(edge) for edge in EDGES)
