@@ -9,6 +9,7 @@ that a clearance wrong by a tenth is right before it can lead astray.
 Reference: moving-horizon estimation, Rao, Rawlings & Mayne 2003, IEEE Trans. Autom. Control 48(2), 246-258.
 """
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,6 +100,7 @@ def grow(
     limit: float = np.inf,
     most: int | None = None,
     patient: bool = False,
+    until: float = np.inf,
 ) -> Followed | None:
     """Follow a recording from its island as far as is wanted.
 
@@ -110,6 +112,7 @@ def grow(
         most: segments, at most; as many as the trace wants if ``None``.
         patient: whether the path is looked for however badly it is followed so far; it may be given up at
             the first fit.
+        until: when ``time.monotonic`` says that, no lost path is looked for any more.
 
     Returns:
         The follower of what was followed, the (unknowns,) values found and the misfit; ``None`` where the
@@ -127,7 +130,8 @@ def grow(
     hopes = _PATIENT if patient else _HOPES if start.doubt < FOLLOWED else 0
     segment = start.island + ISLAND + _AFTER - AHEAD
     while segment < end:
-        hopes -= not advance(follower, held, segment, end, TORN if hopes else np.inf, first)
+        hopeful = hopes > 0 and time.monotonic() < until
+        hopes -= not advance(follower, held, segment, end, TORN if hopeful else np.inf, first)
         segment += 1
         steps += 1
         if steps < due and (segment < end or found is not None):

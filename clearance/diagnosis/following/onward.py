@@ -28,7 +28,9 @@ _MOST = 0.5  # of what was held out: a stretch that is shorter says too little o
 _NOTHING = np.zeros((1, 0))
 
 
-def ways_to_follow(trace: Trace, model: Model, row: np.ndarray, patience: int) -> Iterator[Followed]:
+def ways_to_follow(
+    trace: Trace, model: Model, row: np.ndarray, patience: int, until: float
+) -> Iterator[Followed]:
     """Follow a recording from where its path is surest, then from other places, while more is asked for.
 
     Near chaos a machine that is right is lost at one impact and not at another.
@@ -38,15 +40,16 @@ def ways_to_follow(trace: Trace, model: Model, row: np.ndarray, patience: int) -
         model: of the machine, its speed unknown.
         row: (1,) speed to begin with [rpm].
         patience: as of ``Start.of``; without any it is followed once.
+        until: as of ``grow``.
     """
     held, patient = model.held(row), patience > 0
-    yield _grown(Start.of(trace, held, LOOSENESS, patience), model, row, patient)
+    yield _grown(Start.of(trace, held, LOOSENESS, patience), model, row, patient, until)
     if patient:
         for start in Start.several(trace, held, LOOSENESS, _PLACES):
-            yield _grown(start, model, row, patient)
+            yield _grown(start, model, row, patient, until)
 
 
-def go_on(attempt: Attempt, trace: Trace, model: Model) -> Followed | None:
+def go_on(attempt: Attempt, trace: Trace, model: Model, until: float) -> Followed | None:
     """Follow what was held out from where the fitted stretch ends; ``None`` where it is not soon after that.
 
     Which states are possible when nothing before is known may be lost among many: a shoe that hangs between
@@ -57,6 +60,7 @@ def go_on(attempt: Attempt, trace: Trace, model: Model) -> Followed | None:
         attempt: that explains the fitted stretches.
         trace: of what was held out.
         model: of the attempt's machine, its speed unknown.
+        until: as of ``grow``.
     """
     known = _before(attempt, trace.measured)
     if known is None:
@@ -66,7 +70,7 @@ def go_on(attempt: Attempt, trace: Trace, model: Model) -> Followed | None:
     follower = Follower(_joined(before.measured, end), COARSE, TIGHT.copy())
     follower.path.nodes[: before.segments] = before.path.nodes
     start = Start(trace, follower, before.segments - ISLAND - _BACK, 0.0)
-    found, row, _ = _grown(start, model, np.array([speed]), True, start.follower.segments)
+    found, row, _ = _grown(start, model, np.array([speed]), True, until, start.follower.segments)
     skipped = own - found.measured.first
     return _longest(found.part(skipped, found.segments), model, row)
 
@@ -122,8 +126,10 @@ def _longest(follower: Follower, model: Model, row: np.ndarray) -> Followed:
     return follower, row, seen.level
 
 
-def _grown(start: Start, model: Model, row: np.ndarray, patient: bool, most: int | None = None) -> Followed:
-    found = grow(start, model, row, most=most, patient=patient)
+def _grown(
+    start: Start, model: Model, row: np.ndarray, patient: bool, until: float, most: int | None = None
+) -> Followed:
+    found = grow(start, model, row, most=most, patient=patient, until=until)
     assert found is not None  # without a limit none is given up
     return found
 

@@ -1,5 +1,6 @@
 """The nominal and the best machine beside recordings that neither was fitted to."""
 
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -180,19 +181,25 @@ def _ways(
     search: Search, attempt: Attempt, trace: Trace, model: Model, patience: int
 ) -> Iterator[Followed | None]:
     """Ways to follow what was held out of a recording; with patience several, while there is time."""
+
+    def hurried() -> bool:
+        return time.monotonic() > search.patient_until
+
     row = np.array([trace.speed])
-    places = ways_to_follow(trace, model, row, patience)
+    places = ways_to_follow(trace, model, row, patience, search.patient_until)
     if patience > 0 and any(hypothesis.name == LOOSE_GUIDE for hypothesis in attempt.hypotheses):
-        yield go_on(attempt, trace, model)
-        yield follow_rattling(trace, model, row, search.late)
+        onward = go_on(attempt, trace, model, search.patient_until)
+        yield onward
+        between = follow_rattling(trace, model, row, hurried)
+        yield between
+        if onward is None and between is None:
+            yield next(places)
     else:
         yield next(places)
-        if patience > 0:
-            yield go_on(attempt, trace, model)
-    for found in places:
+        if patience > 0 and not hurried():
+            yield go_on(attempt, trace, model, search.patient_until)
+    while not hurried() and (found := next(places, None)) is not None:
         yield found
-        if search.late():
-            return
 
 
 def _elsewhere(machine: SliderCrank) -> SliderCrank:

@@ -40,6 +40,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import peak_memory
 
 METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
+_JUDGING = 0.2  # of the time limit: as long lost paths are looked for in recordings that were held out
 Found = TypeVar("Found")
 
 
@@ -111,12 +112,14 @@ def diagnose(
     )
     setting, joint = search.setting, search.setting.joint
     keep(explanation)
+    patience = _JUDGING * time_limit
     try:
         find_explanation(search, explanation, most, keep)
     except KeyboardInterrupt:
-        search.stopped = "it was interrupted"
+        search.stopped, patience = "it was interrupted", 0.0
         say("interrupted: what was found so far is judged and written; once more ends it at once")
-    searching = False  # what comes now takes as long as it takes, a minute or two at most
+    searching = False  # what comes now takes a minute or two
+    search.patient_until = time.monotonic() + patience
     if explanation.rails is not None and not explained(explanation.best):
         explanation.shown = between_rails(search, explanation.rails)
     if simulations:

@@ -4,7 +4,7 @@ An edge is felt only where the path crosses it. So each is tried all along the s
 sizes following for a few steps, and the load is fitted from where least is left.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.shooting.fit import settle
+from clearance.diagnosis.shooting.follow import Follower
 from clearance.errors import InputError
 from clearance.simulation.layout import Signal
 
@@ -32,43 +33,41 @@ def place_edges(search: Search, explanation: Explanation) -> None:
     place = 1
     for hypothesis in best.hypotheses:
         if hypothesis.name == EDGED:
-            values = _placed(search, best, hypothesis, place)
-            if (values != best.fit.values).any():
-                where = ", ".join(f"{value:.4g}" for value in values[0, list(_columns(hypothesis, place))])
+            columns = list(_columns(hypothesis, place))
+            followers, values = _placed(search, best, columns)
+            if (values[0] != best.fit.values[0]).any():
+                where = ", ".join(f"{value:.4g}" for value in values[0, columns])
                 search.report(f"  {hypothesis.label}: less is left with edges at {where}")
-                search.refit(
-                    explanation, best.hypotheses, best.followers, values, ANNEALING[3], again=True
-                )  # fmt: skip
+                search.refit(explanation, best.hypotheses, followers, values, ANNEALING[3], again=True)
             return
         place += len(hypothesis.unknowns)
 
 
-def _placed(search: Search, best: Attempt, hypothesis: Hypothesis, place: int) -> np.ndarray:
-    """(recordings, unknowns) values with the edges of which least is left, one after the other."""
+def _placed(search: Search, best: Attempt, columns: Sequence[int]) -> tuple[Sequence[Follower], np.ndarray]:
+    """Paths and (recordings, unknowns) values with the edges of which least is left, one after the other."""
     along = np.concatenate([one.signals[..., Signal.SLIDER_POSITION].ravel() for one in best.fit.passes])
     step = (along.max() - along.min()) / (_PLACES - 1)
-    values, least = best.fit.values, best.fit.cost
+    followers, values, least = best.followers, best.fit.values, best.fit.cost
     for look in range(_LOOKS):
-        for column in _columns(hypothesis, place):
+        for column in columns:
             kept = [i for i in range(values.shape[1]) if i != column]
-            found = values
             edges = along.min() + step * np.arange(_PLACES)
             if look > 0:
                 edges = values[0, column] + step * _FINER**-look * np.delete(np.arange(-3, 4), 3)
+            begun, start = followers, values
             for edge in edges:
-                row = values[0].copy()
+                row, own = start[0].copy(), tightened(begun)
                 row[column] = edge
                 try:
                     tried = settle(
-                        tightened(best.followers), best.model.only(kept, row), values[:, kept], _STEPS, 1e-3,
-                        search.workers, scale=best.scale,
+                        own, best.model.only(kept, row), start[:, kept], _STEPS, 1e-3, search.workers,
+                        scale=best.scale,
                     )  # fmt: skip
                 except (InputError, np.linalg.LinAlgError):  # it would end before it begins
                     continue
                 if tried.cost < least:
-                    found, least = np.insert(tried.values, column, edge, axis=1), tried.cost
-            values = found
-    return values
+                    followers, values, least = own, np.insert(tried.values, column, edge, axis=1), tried.cost
+    return followers, values
 
 
 def _columns(hypothesis: Hypothesis, place: int) -> Iterator[int]:

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained
-from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve
+from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.searching.balance import settle_in, suggest_forces
-from clearance.diagnosis.searching.beside import HALFWAY, NEARLY
+from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, SHARED
 from clearance.diagnosis.searching.everywhere import fit_from
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import refine_table
@@ -58,6 +58,10 @@ def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
         nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
         if explained(explanation.best) or nearly or search.late():
             break
+        best = explanation.best
+        named = bool(best.hypotheses) and unnamed(best.hypotheses) is None
+        if one.curve is not None and named and best.misfit < SHARED * nominal.misfit:
+            return suggested.pairs  # no table says more than a name does: it is one of two, or all there is
     if suggested.weak is not None and not (explained(explanation.best) or nearly or search.late()):
         found, table = _follow_table(search, explanation, suggested.weak)
         if found is not None and table is not None and not explained(found):

@@ -65,6 +65,7 @@ class Search:
         self.recordings, self.alignments, self.setting = list(recordings), list(alignments), setting
         self.groups, self.workers, self.report = groups, workers, report
         self.deadline, self.stopped = deadline, ""
+        self.patient_until = np.inf  # of ``time.monotonic``: when lost paths are not looked for any more
         folder = kept_in(finished, self.recordings, self.alignments, setting, groups)
         self.finished = Finished(folder, self.recordings, report)
 

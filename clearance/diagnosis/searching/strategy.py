@@ -6,7 +6,7 @@ from itertools import takewhile
 
 from clearance.diagnosis.following.attempt import ROOM, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import Curve, unnamed
-from clearance.diagnosis.searching.beside import FAR, NEARLY
+from clearance.diagnosis.searching.beside import FAR, NEARLY, SHARED
 from clearance.diagnosis.searching.edges import place_edges
 from clearance.diagnosis.searching.elsewhere import (
     begin_again,
@@ -39,7 +39,6 @@ from clearance.diagnosis.searching.widen import deafen, glaring, look, settled, 
 from clearance.diagnosis.searching.work import Balanced
 
 _PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
-_SHARED = 0.6  # likewise where nothing leaves so little: one of two that share what is missing
 _SEEN = 0.5  # likewise of a dimension, which the motion vouches for whatever the forces
 _HALF = 0.5  # of what is missing: a named force that leaves less may stand for one without a name
 _FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
@@ -190,7 +189,6 @@ def _search_all(
         while base not in built_on and _in_part(base, before, part) and len(base.hypotheses) < most:
             built_on.append(base)
             if base is explanation.best:
-                place_edges(search, explanation)
                 enlarge(search, explanation)
                 if not explained(explanation.best):
                     reshape(search, explanation, explanation.best)
@@ -215,7 +213,10 @@ def _search_all(
             before, base = base, _named(explanation)
 
     def share() -> None:
-        build_on(_SHARED)
+        build_on(SHARED)
+
+    def lead() -> None:  # a name that the work led to, of which no table says more, may be one of two
+        build_on(_PART if unnamed(explanation.best.hypotheses) is not None else SHARED)
 
     def curve() -> None:
         if settled(search, explanation, nominal):
@@ -255,7 +256,7 @@ def _search_all(
             begin_again(search, explanation)
 
     steps = (
-        frame, build_on, cushion, clock, sensor, build_on, balance, build_on, plain, motion, build_on,
+        frame, build_on, cushion, clock, sensor, build_on, balance, lead, plain, motion, build_on,
         together, build_on, balance_near, inside, likely, build_on, reshaped, unlikely, build_on, curve,
         elsewhere, build_on, share, unlikely_faults, build_on, pair, build_on, other_curve, again, build_on,
     )  # fmt: skip

@@ -1,5 +1,6 @@
 """Following step by step: from a wrong clearance, with few sensors, and where physics is missing."""
 
+import time
 from dataclasses import replace
 from functools import cache
 
@@ -73,6 +74,15 @@ def test_one_who_is_patient_gives_up_a_false_island_at_the_first_fit(monkeypatch
     false.follower.path.nodes[:, State.CRANK_ANGLE] += 0.2
     assert grow(false, model.only([1], values), values[1:], 1.0, patient=True) is None
     assert len(fits) == 1
+
+
+@pytest.mark.parametrize("seconds", [0.0, np.inf])
+def test_a_lost_path_is_looked_for_while_there_is_time(monkeypatch, seconds):
+    looked = []
+    monkeypatch.setattr("clearance.diagnosis.following.horizon.rejoin", lambda *_: bool(looked.append(1)))
+    start, model, values = begun(SETTING, CLEARANCE)
+    grow(start, model, 1.2 * values, patient=True, most=40, until=time.monotonic() + seconds)
+    assert bool(looked) == (seconds > 0.0)
 
 
 def test_a_clearance_that_is_wrong_by_four_per_cent_is_right_at_the_end():

@@ -39,7 +39,7 @@ def test_a_path_goes_on_through_what_lies_between():
     whole = follower()
     attempt = attempt_on(whole.measured.part(0, FITTED))
     rest = whole.measured.part(SEGMENTS - HELD, SEGMENTS)
-    found = go_on(attempt, Part(rest), only_speed(attempt.fit.values[0, 0]))
+    found = go_on(attempt, Part(rest), only_speed(attempt.fit.values[0, 0]), np.inf)
     assert found is not None
     own, row, misfit = found
     assert (own.measured.first, own.segments) == (SEGMENTS - HELD, HELD)
@@ -73,7 +73,7 @@ def test_another_recording_is_not_gone_on_to():
     other = replace(whole.measured.part(SEGMENTS - HELD, SEGMENTS), name="another")
     earlier = whole.measured.part(FITTED - 5, SEGMENTS)
     for part in (other, earlier):
-        assert go_on(attempt, Part(part), only_speed(attempt.fit.values[0, 0])) is None
+        assert go_on(attempt, Part(part), only_speed(attempt.fit.values[0, 0]), np.inf) is None
 
 
 @pytest.mark.parametrize(
@@ -101,9 +101,9 @@ def test_a_recording_is_followed_on_other_ways_until_it_is_explained(monkeypatch
 def test_without_patience_there_is_one_way(monkeypatch, patience, count):
     starts = SimpleNamespace(of=lambda *_: "surest", several=lambda *_: list("abcd"))
     monkeypatch.setattr(onward, "Start", starts)
-    monkeypatch.setattr(onward, "grow", lambda start, model, row, most, patient: (start, row, float(patient)))
+    monkeypatch.setattr(onward, "grow", lambda start, model, row, **how: (start, row, float(how["patient"])))
     model = SimpleNamespace(held=lambda row: row)
-    found = list(ways_to_follow(None, model, np.array([RPM]), patience))
+    found = list(ways_to_follow(None, model, np.array([RPM]), patience, np.inf))
     assert [one[0] for one in found] == ["surest", *"abcd"][:count]
 
 
@@ -128,4 +128,4 @@ def test_what_comes_long_after_the_fitted_stretch_is_not_gone_on_to(monkeypatch)
     attempt = attempt_on(whole.measured.part(0, FITTED))
     rest = whole.measured.part(SEGMENTS - HELD, SEGMENTS)
     monkeypatch.setattr(onward, "_FURTHEST", SEGMENTS - HELD - FITTED - 1)
-    assert go_on(attempt, Part(rest), only_speed(attempt.fit.values[0, 0])) is None
+    assert go_on(attempt, Part(rest), only_speed(attempt.fit.values[0, 0]), np.inf) is None

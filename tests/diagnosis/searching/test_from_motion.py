@@ -112,3 +112,32 @@ def test_a_table_that_is_not_followed_is_tried_with_fewer_knots(monkeypatch, fol
     begin_balanced(search, Explanation(attempt([], 1000.0)))
     assert tried == expected
     assert refined == [follows] * (follows > 0)
+
+
+@pytest.mark.parametrize(("left", "tables"), [(0.5, 1), (0.7, 2)])
+def test_no_second_table_is_followed_where_none_says_more_than_a_name_that_does_much(
+    monkeypatch, left, tables
+):
+    def table(argument):
+        curve = SimpleNamespace(knots=np.zeros(40), body="slider", argument=argument, interpolation="")
+        hypothesis = SimpleNamespace(name="free_form", label=f"free_form({argument})", body="slider")
+        return Balanced((hypothesis,), np.ones(40), 2.0, 3e-4, curve)
+
+    def fit(search, explanation, base, hypotheses, *more, **other):
+        tried.append(hypotheses[0].name)
+        if hypotheses[0].name == "process_load":
+            explanation.attempts.append(attempt(["process_load"], left * 100.0))
+            return explanation.attempts[-1]
+        return None
+
+    tried = []
+    forces = [pair("process_load"), table("slider_position"), table("crank_angle")]
+    monkeypatch.setattr(from_motion, "suggest_forces", lambda *_: Suggested(forces, balanced=False))
+    monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
+    monkeypatch.setattr(from_motion, "fit_from", fit)
+    search = SimpleNamespace(
+        setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext(),
+        profile=SimpleNamespace(best=3e-4),
+    )  # fmt: skip
+    begin_balanced(search, Explanation(attempt([], 100.0)))
+    assert tried == ["process_load", *["free_form"] * tables]

@@ -7,12 +7,12 @@ import pytest
 
 from clearance.diagnosis.hypotheses.free_form import FREE_FORM
 from clearance.diagnosis.searching import scrutiny
+from clearance.diagnosis.searching.beside import SHARED
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.scrutiny import _compare_kinds
 from clearance.diagnosis.searching.significance import unsettled
 from clearance.diagnosis.searching.strategy import (
     _PART,
-    _SHARED,
     _enough,
     _in_part,
     _named,
@@ -174,13 +174,13 @@ def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkey
     [
         (["slider_offset"], 10.1, _PART, True),  # a rod that bends was missing beside it
         (["slider_offset"], 14.0, _PART, False),
-        (["slider_offset"], 14.0, _SHARED, True),
+        (["slider_offset"], 14.0, SHARED, True),
         (["rod_inertia"], 10.1, _PART, False),
         (["rod_inertia"], 7.0, _PART, True),
         (["rod_inertia"], 8.2, _PART, True),  # noise leaves 1.0 in any case
         (["rod_inertia"], 1.1, _PART, False),  # nothing is left
-        (["joint_lubrication"], 13.0, _SHARED, True),  # a drive that gives way was missing beside it
-        (["joint_lubrication"], 17.0, _SHARED, False),
+        (["joint_lubrication"], 13.0, SHARED, True),  # a drive that gives way was missing beside it
+        (["joint_lubrication"], 17.0, SHARED, False),
         ([FREE_FORM], 7.0, _PART, False),
         ([], 7.0, _PART, False),
     ],

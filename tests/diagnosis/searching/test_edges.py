@@ -1,0 +1,32 @@
+"""Where a load on a part of the stroke begins and ends is looked for along the stroke."""
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.following.attempt import ANNEALING, ROOM, refine
+from clearance.diagnosis.searching.edges import place_edges
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.mechanism.load import ConstantProcess
+from tests.diagnosis.searching.test_search import search
+
+TRUTH = ConstantProcess(4.0, 0.086, 0.146)
+
+
+def test_an_edge_that_no_slope_leads_to_is_found_along_the_stroke():
+    found, explanation = search(5e-4, ("process_load",), process=TRUTH)
+    load, nominal = found.groups["process_load(force, start, end)"][0], explanation.nominal
+    speed = nominal.fit.values[0, -1]
+    values = np.array([[5e-4, 4.3, 0.1145, 0.150, speed]])
+    astray = refine([load], found.setting.model([load]), nominal.followers, values, ANNEALING[3], 8)
+    assert astray.misfit > ROOM
+    assert abs(astray.fit.values[0, 2] - TRUTH.start) > 0.01, "a minimum that is not the truth"
+    explanation = Explanation(nominal, [astray])
+    place_edges(found, explanation)
+    best = explanation.best
+    assert best.misfit < ROOM
+    clearance, force, start, end = best.fit.values[0, :-1]
+    assert clearance == pytest.approx(5e-4, rel=1e-4)
+    assert force == pytest.approx(TRUTH.force, rel=5e-3)
+    assert [start, end] == pytest.approx([TRUTH.start, TRUTH.end], abs=5e-5)
+    place_edges(found, explanation)
+    assert len(explanation.attempts) == 2, "nothing is left to place"
