@@ -21,7 +21,7 @@ EDGED = "process_load"
 """The effect that has them."""
 EDGES = ("start", "end")
 _PLACES = 9  # along the stroke where an edge is tried
-_LOOKS, _FINER = 3, 4.0  # at them, each so much finer than the one before
+_CLOSER = (4.0, 4.0, 16.0)  # looks at places nearby, so much closer: what one edge hides the other one shows
 _STEPS = 4  # in which clearance, path and sizes follow
 
 
@@ -48,12 +48,12 @@ def _placed(search: Search, best: Attempt, columns: Sequence[int]) -> tuple[Sequ
     along = np.concatenate([one.signals[..., Signal.SLIDER_POSITION].ravel() for one in best.fit.passes])
     step = (along.max() - along.min()) / (_PLACES - 1)
     followers, values, least = best.followers, best.fit.values, best.fit.cost
-    for look in range(_LOOKS):
+    for closer in (1.0, *_CLOSER):
         for column in columns:
             kept = [i for i in range(values.shape[1]) if i != column]
             edges = along.min() + step * np.arange(_PLACES)
-            if look > 0:
-                edges = values[0, column] + step * _FINER**-look * np.delete(np.arange(-3, 4), 3)
+            if closer > 1.0:
+                edges = values[0, column] + step / closer * np.delete(np.arange(-3, 4), 3)
             begun, start = followers, values
             for edge in edges:
                 row, own = start[0].copy(), tightened(begun)
