@@ -157,11 +157,7 @@ def free_form(curve: Curve, joint: str) -> Hypothesis:
         typical = max(typical, _FRICTION * float(curve.knots[-1]))  # beside impacts a line begins too flat
 
     def apply(machine: SliderCrank, values: np.ndarray) -> SliderCrank:
-        law = TabulatedForce(
-            curve.body, curve.direction, argument, float(curve.knots[0]), spacing,
-            tuple(map(float, values)), curve.interpolation, curve.period,
-        )  # fmt: skip
-        return replace(machine, force=law)
+        return replace(machine, force=_law(curve, argument, spacing, values))
 
     resists = curve.direction == DAMPING  # over its whole range, from little to much; and never pushes on
     sizes = np.maximum(curve.forces, 1e-6) if resists else np.full(len(curve.knots), typical)
@@ -179,12 +175,15 @@ def free_form(curve: Curve, joint: str) -> Hypothesis:
 
 def known_force(curve: Curve) -> Hypothesis:
     """A force over time that was measured: nothing of it is fitted."""
-    law = TabulatedForce(
-        curve.body, curve.direction, curve.argument, float(curve.knots[0]), None,
-        tuple(map(float, curve.forces)), curve.interpolation, curve.period,
-    )  # fmt: skip
-    none = np.zeros(0)
+    law, none = _law(curve, curve.argument, None, curve.forces), np.zeros(0)
     return Hypothesis(
         FREE_FORM, "physics", curve.body, curve.direction, (), none, none,
         lambda machine, _: replace(machine, force=law),
+    )  # fmt: skip
+
+
+def _law(curve: Curve, argument: str, spacing: float | None, forces: np.ndarray) -> TabulatedForce:
+    return TabulatedForce(
+        curve.body, curve.direction, argument, float(curve.knots[0]), spacing, tuple(map(float, forces)),
+        curve.interpolation, curve.period,
     )  # fmt: skip
