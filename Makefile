@@ -26,7 +26,7 @@ simulate: $(READY)  ## simulate 1000 runs with clearance in joint C
 diagnose: $(READY)  ## demonstrate the diagnosis on a simulated machine with friction on its guide
 	$(RUN) clearance.diagnose
 
-trial: $(READY)  ## diagnose 12 machines whose truth is sealed, then reveal and score (at most 30 minutes on two cores)
+trial: $(READY)  ## diagnose 12 machines whose truth is sealed, then reveal and score (about 30 minutes on two cores)
 	$(RUN) clearance.trial
 
 study: $(READY)  ## the paper's tables and figures, as far as budget=2h goes: RESULTS.md; again to go on; scale=paper for all of it
