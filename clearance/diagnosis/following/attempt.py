@@ -31,7 +31,7 @@ _WORTH = 5e-3  # share by which the cost falls where another look is worth the t
 _LARGE = 12  # unknowns from which on their last digits are not worth the time
 
 
-@dataclass
+@dataclass(eq=False)  # two that were found alike are two
 class Attempt:
     """A model fitted to the stretches of all recordings.
 
@@ -46,6 +46,8 @@ class Attempt:
             does as well, or it is a table in the place of a name that does.
         reach: (shared, 2) how far below and above its values the likelihood does not fall, once it was asked;
             of values that the motion alone shows, what these may err by.
+        shares: (recordings,) of held-out ones, how much of what was to be followed was, for the rest the path
+            was lost; empty: all.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -56,6 +58,7 @@ class Attempt:
     followers: list[Follower]
     withdrawn: bool = False
     reach: np.ndarray | None = None
+    shares: tuple[float, ...] = ()
 
     @property
     def misfit(self) -> float:

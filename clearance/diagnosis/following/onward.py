@@ -1,7 +1,9 @@
 """Follow what was held out: from its surest place, from the fitted stretch on, or from other places."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -14,12 +16,13 @@ from clearance.diagnosis.following.attempt import (
     integrator_at,
     refine,
 )
-from clearance.diagnosis.following.growth import ISLAND, TORN, Followed, Start, grow, scale_of
+from clearance.diagnosis.following.growth import ISLAND, TORN, Start, grow, scale_of
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.diagnosis.shooting.fit import fit, settle
 from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.diagnosis.shooting.model import Model
+from clearance.errors import InputError
 
 _PLACES = 4  # from which a recording that was lost is followed again
 _FURTHEST = 3000  # segments from there on to what was held out: each is followed, and costs memory
@@ -28,10 +31,27 @@ _MOST = 0.5  # of what was held out: a stretch that is shorter says too little o
 _NOTHING = np.zeros((1, 0))
 
 
+@dataclass(frozen=True)
+class Way:
+    """How a recording was followed.
+
+    Attributes:
+        follower: with its path.
+        row: (1,) speed [rpm].
+        misfit: with it.
+        share: of what was to be followed; below 1 where the path was lost for the rest.
+    """
+
+    follower: Follower
+    row: np.ndarray
+    misfit: float
+    share: float = 1.0
+
+
 def ways_to_follow(
     trace: Trace, model: Model, row: np.ndarray, patience: int, until: float
-) -> Iterator[Followed]:
-    """Follow a recording from where its path is surest, then from other places, while more is asked for.
+) -> Iterator[Callable[[], Way]]:
+    """Ways to follow a recording: from where its path is surest, then from other places.
 
     Near chaos a machine that is right is lost at one impact and not at another.
 
@@ -40,16 +60,30 @@ def ways_to_follow(
         model: of the machine, its speed unknown.
         row: (1,) speed to begin with [rpm].
         patience: as of ``Start.of``; without any it is followed once.
-        until: as of ``grow``.
+        until: as of ``grow``; from then on places are not looked for with patience either.
     """
-    held, patient = model.held(row), patience > 0
-    yield _grown(Start.of(trace, held, LOOSENESS, patience), model, row, patient, until)
-    if patient:
-        for start in Start.several(trace, held, LOOSENESS, _PLACES):
-            yield _grown(start, model, row, patient, until)
+    held, tried = model.held(row), list[int]()
+
+    def surest() -> Way:
+        start = Start.of(trace, held, LOOSENESS, patience if time.monotonic() < until else 0)
+        tried.append(start.island)
+        return _grown(start, model, row, patience > 0, until)
+
+    @cache
+    def others() -> list[Start]:
+        several = Start.several(trace, held, LOOSENESS, _PLACES)
+        return [start for start in several if start.island not in tried]
+
+    def another(place: int) -> Way | None:
+        return _grown(others()[place], model, row, True, until) if place < len(others()) else None
+
+    yield surest
+    if patience > 0:
+        for place in range(_PLACES):
+            yield partial(another, place)  # type: ignore[misc]
 
 
-def go_on(attempt: Attempt, trace: Trace, model: Model, until: float) -> Followed | None:
+def go_on(attempt: Attempt, trace: Trace, model: Model, until: float) -> Way | None:
     """Follow what was held out from where the fitted stretch ends; ``None`` where it is not soon after that.
 
     Which states are possible when nothing before is known may be lost among many: a shoe that hangs between
@@ -70,28 +104,43 @@ def go_on(attempt: Attempt, trace: Trace, model: Model, until: float) -> Followe
     follower = Follower(_joined(before.measured, end), COARSE, TIGHT.copy())
     follower.path.nodes[: before.segments] = before.path.nodes
     start = Start(trace, follower, before.segments - ISLAND - _BACK, 0.0)
-    found, row, _ = _grown(start, model, np.array([speed]), True, until, start.follower.segments)
-    skipped = own - found.measured.first
-    return _longest(found.part(skipped, found.segments), model, row)
+    way = _grown(start, model, np.array([speed]), True, until, start.follower.segments)
+    skipped = own - way.follower.measured.first
+    return _longest(way.follower.part(skipped, way.follower.segments), model, way.row)
 
 
-def best_of(ways: Iterable[Followed | None], model: Model) -> Attempt:
+def best_of(ways: Iterable[Callable[[], Way | None]], model: Model, until: float) -> Attempt:
     """The first way on which a recording is explained, or the one that leaves least.
 
+    One on which a part alone was followed counts less than any that explains the whole.
+
     Args:
-        ways: to follow one recording; asked for one after another.
+        ways: to follow one recording; taken one after another. One may lead nowhere, or fail.
         model: of the machine, its speed unknown.
+        until: when ``time.monotonic`` says that, another is taken only where none has led anywhere.
+
+    Raises:
+        InputError: a law does not take the values on any way.
+        LinAlgError: no way is followed at all.
     """
     best: Attempt | None = None
-    for found in ways:
-        if found is None:
-            continue
-        follower, row, misfit = found
-        other = refine((), model, [follower], row[None], scale_of(misfit), 8)
-        best = other if best is None or other.misfit < best.misfit else best
-        if explained(best):
+    failed: Exception | None = None
+    for way in ways:
+        if best is not None and (time.monotonic() > until or _rank(best)[:2] == (False, False)):
             break
-    assert best is not None
+        try:
+            found = way()
+            if found is None:
+                continue
+            other = refine((), model, [found.follower], found.row[None], scale_of(found.misfit), 8)
+        except (InputError, np.linalg.LinAlgError) as error:
+            failed = error
+            continue
+        other.shares = (found.share,) if found.share < 1.0 else ()
+        best = other if best is None or _rank(other) < _rank(best) else best
+    if best is None:
+        assert failed is not None
+        raise failed
     return best
 
 
@@ -107,10 +156,18 @@ def together(each: Sequence[Attempt], workers: int) -> Attempt:
         follower.integrator = integrator_at(scale)
     values = np.concatenate([one.fit.values for one in each])
     found = fit(followers, each[0].model, values, 0, 1.0, workers, scale=scale)
-    return Attempt((), each[0].model, found, scale, found.level, followers)
+    shares = tuple(one.shares[0] if one.shares else 1.0 for one in each)
+    return Attempt(
+        (), each[0].model, found, scale, found.level, followers, shares=shares if min(shares) < 1.0 else ()
+    )  # fmt: skip
 
 
-def _longest(follower: Follower, model: Model, row: np.ndarray) -> Followed:
+def _rank(attempt: Attempt) -> tuple[bool, bool, float]:
+    """What of two ways is better comes first: explained, of the whole, little left."""
+    return not explained(attempt), bool(attempt.shares), attempt.misfit
+
+
+def _longest(follower: Follower, model: Model, row: np.ndarray) -> Way:
     """The longest stretch on which a path is not lost, if that is most of it; or all of it."""
     held = model.held(row)
     seen = settle([follower], held, _NOTHING, 0)
@@ -120,18 +177,19 @@ def _longest(follower: Follower, model: Model, row: np.ndarray) -> Followed:
         bounds = np.concatenate([[-1], lost, [follower.segments - 2 * EDGE]])
         widest = int(np.argmax(np.diff(bounds)))
         begin, end = EDGE + int(bounds[widest]) + 1, EDGE + int(bounds[widest + 1])
-        if end - begin >= _MOST * follower.segments:
-            follower = follower.part(begin, end)
-            seen = settle([follower], held, _NOTHING, 0)
-    return follower, row, seen.level
+        share = (end - begin) / follower.segments
+        if share >= _MOST:
+            part = follower.part(begin, end)
+            return Way(part, row, settle([part], held, _NOTHING, 0).level, share)
+    return Way(follower, row, seen.level)
 
 
 def _grown(
     start: Start, model: Model, row: np.ndarray, patient: bool, until: float, most: int | None = None
-) -> Followed:
+) -> Way:
     found = grow(start, model, row, most=most, patient=patient, until=until)
     assert found is not None  # without a limit none is given up
-    return found
+    return Way(*found)
 
 
 def _before(attempt: Attempt, measured: Measured) -> tuple[Follower, float] | None:

@@ -52,8 +52,10 @@ class Trace:
 
     @property
     def length(self) -> int:
-        """Segments that are followed, as of ``wanted``."""
-        return wanted(self.measured, self.alignment.speed)
+        """Segments that are followed: a revolution and a third, or a period, if there are as many."""
+        turn = 2.0 * np.pi / abs(self.alignment.speed) / self.measured.segment
+        wanted = int(max(_SHORTEST, _REVOLUTIONS * turn, self.measured.period / self.measured.segment))
+        return min(wanted, len(self.path.nodes) - 2 * _SKIPPED)
 
     @property
     def speed(self) -> float:
@@ -79,18 +81,6 @@ class Trace:
         time = self.measured.begin + self.measured.segment * np.arange(first, last)
         follower.path.nodes[:, State.TIME] = time
         return follower
-
-
-def wanted(measured: Measured, speed: float) -> int:
-    """Segments of a recording that are followed: a revolution and a third, or a period, if there are as many.
-
-    Args:
-        measured: the recording.
-        speed: of the crank [rad/s].
-    """
-    turn = 2.0 * np.pi / abs(speed) / measured.segment
-    long = int(max(_SHORTEST, _REVOLUTIONS * turn, measured.period / measured.segment))
-    return min(long, len(measured.values) - 2 * _SKIPPED)
 
 
 def check_length(measured: Measured) -> None:

@@ -1,16 +1,17 @@
 """The nominal and the best machine beside recordings that neither was fitted to."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
 
 import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained, refine
-from clearance.diagnosis.following.growth import Followed
-from clearance.diagnosis.following.onward import best_of, go_on, together, ways_to_follow
-from clearance.diagnosis.following.trace import Trace, wanted
+from clearance.diagnosis.following.onward import Way, best_of, go_on, together, ways_to_follow
+from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.judging.likelihood import ask_likelihood
 from clearance.diagnosis.judging.mismatch import Innovations, innovations, root_mean_square
 from clearance.diagnosis.judging.verdict import equivalents, withdraw
@@ -27,8 +28,6 @@ from clearance.diagnosis.shooting.model import Model, Unknown
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import NoForce, TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
-
-_WHOLE = 0.95  # of what is followed otherwise: a share that is less is told
 
 
 @dataclass(frozen=True)
@@ -54,12 +53,8 @@ class Judged:
     @property
     def shares(self) -> dict[str, float]:
         """Of recordings of which a part alone could be followed, that part."""
-        found = {}
-        for whole, own, row in zip(self.held_out, self.after.followers, self.after.fit.values, strict=True):
-            share = own.segments / wanted(whole, row[-1] * np.pi / 30.0)
-            if share < _WHOLE:
-                found[whole.name] = share
-        return found
+        each = zip(self.held_out, self.after.shares, strict=False)
+        return {one.name: share for one, share in each if share < 1.0}
 
 
 def ask(search: Search, explanation: Explanation) -> None:
@@ -166,7 +161,8 @@ def _held_out(
                     f"held_out: {measured.name} shows no motion of this mechanism; is it another machine's, "
                     "or a sensor broken? Leave it out: what was fitted is kept"
                 ) from None
-            return best_of(_ways(search, attempt, trace, only_speed, patience), only_speed)
+            ways = _ways(search, attempt, trace, only_speed, patience)
+            return best_of(ways, only_speed, search.patient_until)
 
         with ThreadPoolExecutor(search.workers) as pool:
             found = together(list(pool.map(one, held_out)), search.workers)
@@ -179,27 +175,21 @@ def _held_out(
 
 def _ways(
     search: Search, attempt: Attempt, trace: Trace, model: Model, patience: int
-) -> Iterator[Followed | None]:
-    """Ways to follow what was held out of a recording; with patience several, while there is time."""
+) -> Iterator[Callable[[], Way | None]]:
+    """Ways to follow what was held out of a recording; without patience one alone."""
+    until, row = search.patient_until, np.array([trace.speed])
+    places = ways_to_follow(trace, model, row, patience, until)
+    if patience == 0:
+        return places
+    onward = partial(go_on, attempt, trace, model, until)
+    if any(hypothesis.name == LOOSE_GUIDE for hypothesis in attempt.hypotheses):
+        return chain([onward, partial(_between_rails, trace, model, row, until)], places)
+    return chain([next(places), onward], places)
 
-    def hurried() -> bool:
-        return time.monotonic() > search.patient_until
 
-    row = np.array([trace.speed])
-    places = ways_to_follow(trace, model, row, patience, search.patient_until)
-    if patience > 0 and any(hypothesis.name == LOOSE_GUIDE for hypothesis in attempt.hypotheses):
-        onward = go_on(attempt, trace, model, search.patient_until)
-        yield onward
-        between = follow_rattling(trace, model, row, hurried)
-        yield between
-        if onward is None and between is None:
-            yield next(places)
-    else:
-        yield next(places)
-        if patience > 0 and not hurried():
-            yield go_on(attempt, trace, model, search.patient_until)
-    while not hurried() and (found := next(places, None)) is not None:
-        yield found
+def _between_rails(trace: Trace, model: Model, row: np.ndarray, until: float) -> Way | None:
+    found = follow_rattling(trace, model, row, lambda: time.monotonic() > until, until)
+    return None if found is None else Way(*found)
 
 
 def _elsewhere(machine: SliderCrank) -> SliderCrank:

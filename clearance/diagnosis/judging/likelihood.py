@@ -37,14 +37,14 @@ def ask_likelihood(attempt: Attempt, workers: int) -> None:
     """
     found = fit(attempt.followers, attempt.model, attempt.fit.values, 3 * _ITERATIONS, _TOLERANCE, workers)
     attempt.fit, attempt.level = found, found.level
-    for _ in range(_MOVES):
+    for move in range(_MOVES + 1):
         attempt.reach = np.zeros((attempt.model.shared, 2))
-        if not _moved(attempt, workers):
+        if not _moved(attempt, workers, move < _MOVES):
             return
 
 
-def _moved(attempt: Attempt, workers: int) -> bool:
-    """Whether a better fit was found, which the attempt then has; if not its reach is set."""
+def _moved(attempt: Attempt, workers: int, may: bool) -> bool:
+    """Whether a better fit was found, which the attempt then has if it ``may``; if not its reach is set."""
     assert attempt.reach is not None
     model, base = attempt.model, attempt.fit
     sizes, spread, shared = deviations(base), covariance(base), model.shared
@@ -77,7 +77,7 @@ def _moved(attempt: Attempt, workers: int) -> bool:
                 except InputError:  # no law takes these values together
                     break
                 rise = other.cost - base.cost
-                if rise < -_BETTER:
+                if may and rise < -_BETTER:
                     found = fit(followers, model, values, 3 * _ITERATIONS, _TOLERANCE, workers)
                     if found.cost < base.cost - _BETTER:
                         attempt.fit, attempt.level, attempt.followers = found, found.level, followers

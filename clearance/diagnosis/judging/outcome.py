@@ -119,13 +119,13 @@ def diagnose(
         search.stopped, patience = "it was interrupted", 0.0
         say("interrupted: what was found so far is judged and written; once more ends it at once")
     searching = False  # what comes now takes a minute or two
-    search.patient_until = time.monotonic() + patience
     if explanation.rails is not None and not explained(explanation.best):
         explanation.shown = between_rails(search, explanation.rails)
     if simulations:
         _calibrate(search, explanation, simulations)
     ask(search, explanation)
     search.report("judging on held-out recordings")
+    search.patient_until = time.monotonic() + patience
     judged = judge(held_out, search, explanation)
     best, nominal, after = explanation.best, explanation.nominal, judged.after
     fit = _fit_numbers(judged.errors_before, judged.errors_after)

@@ -159,15 +159,18 @@ def lost(held_out: Attempt) -> list[str]:
     return [name for name, misfit in each.items() if misfit > _LOST] if min(each.values()) < EXPLAINED else []
 
 
-def _confirmed(held_out: Attempt) -> bool:
+def _confirmed(held_out: Attempt, effects: bool) -> bool:
     """Whether recordings that were held out are explained, or by effects half of them, and the others lost.
 
-    An effect that is wrong follows none of them to its end; one that is right may be lost at an impact.
+    An effect that is wrong follows none of them to its end; one that is right may be lost at an impact. A
+    recording of which a part alone was followed was lost for the rest.
     """
     each = held_out.misfits
-    followed = sum(misfit < EXPLAINED for misfit in each)
-    half = bool(held_out.hypotheses) and 2 * followed >= len(each) == followed + len(lost(held_out))
-    return explained(held_out) or half
+    shares = held_out.shares or (1.0,) * len(each)
+    followed = [misfit < EXPLAINED for misfit in each]
+    whole = sum(own and share == 1.0 for own, share in zip(followed, shares, strict=True))
+    half = effects and 2 * whole >= len(each) == sum(followed) + len(lost(held_out))
+    return (explained(held_out) and whole == len(each)) or half
 
 
 def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str:
@@ -183,7 +186,7 @@ def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str
     best = explanation.best
     if best is explanation.shown:
         return "unknown" if unnamed(best.hypotheses) is not None else best.hypotheses[0].kind
-    if not explained(best) or (held_out is not None and not _confirmed(held_out)):
+    if not explained(best) or (held_out is not None and not _confirmed(held_out, bool(best.hypotheses))):
         return "unknown"
     if not best.hypotheses:
         return "unknown" if suspicious(explanation) else "none"

@@ -56,6 +56,8 @@ def _placed(search: Search, best: Attempt, columns: Sequence[int]) -> tuple[Sequ
                 edges = values[0, column] + step / closer * np.delete(np.arange(-3, 4), 3)
             begun, start = followers, values
             for edge in edges:
+                if search.late():
+                    return followers, values
                 row, own = start[0].copy(), tightened(begun)
                 row[column] = edge
                 try:

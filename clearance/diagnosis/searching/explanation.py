@@ -50,8 +50,8 @@ class Explanation:
 
     Attributes:
         nominal: the machine as it is, refitted.
-        attempts: hypotheses that were fitted, best first.
-        hints: of the first screening.
+        attempts: hypotheses that were fitted, in the order in which they were tried.
+        hints: of the screening beside the nominal machine.
         suspected: a force without a name that explains more than others, if one does.
         shaken: the force without a name that the balance of forces on a known frame shows, if it does.
         rails: between which the slider moves, if it does and not all recordings are followed so.

@@ -143,7 +143,9 @@ def fit_rattling(
     return refine(hypotheses, model, [each[r][0] for r in order], values, scale_of(misfit), 8, workers)
 
 
-def follow_rattling(trace: Trace, model: Model, row: np.ndarray, late: Callable[[], bool]) -> Followed | None:
+def follow_rattling(
+    trace: Trace, model: Model, row: np.ndarray, late: Callable[[], bool], until: float = np.inf
+) -> Followed | None:
     """Follow a recording with a machine that is known, from whichever island that succeeds.
 
     Args:
@@ -151,6 +153,7 @@ def follow_rattling(trace: Trace, model: Model, row: np.ndarray, late: Callable[
         model: of the machine.
         row: (unknowns,) to begin with.
         late: whether the time is over: no other island is then tried.
+        until: as of ``grow``.
     """
     every = []
     for factor in _GAPS if model.shared > _GAP else _GAPS[:1]:  # rails elsewhere show other islands
@@ -158,12 +161,12 @@ def follow_rattling(trace: Trace, model: Model, row: np.ndarray, late: Callable[
         other[_GAP : model.shared] *= factor
         starts = Start.several(trace, model.held(other), LOOSENESS, _ISLANDS)
         for start in starts:
-            found = _followed(start, model, row, _KNOWN)
+            found = _followed(start, model, row, _KNOWN, until)
             if found is not None or late():
                 return found
         every += starts
     for start in sorted(every, key=lambda start: start.doubt)[: 2 * _ISLANDS]:
-        found = _grown(start, model, row)
+        found = _grown(start, model, row, until)
         if found is not None or late():
             return found
     return None
@@ -193,21 +196,23 @@ def _first(search: Search, model: Model, rows: np.ndarray) -> tuple[int, Followe
     return None
 
 
-def _grown(start: Start, model: Model, row: np.ndarray) -> Followed | None:
+def _grown(start: Start, model: Model, row: np.ndarray, until: float) -> Followed | None:
     try:
-        found = grow(start, model, row, _HOPELESS, patient=True)
+        found = grow(start, model, row, _HOPELESS, patient=True, until=until)
     except (InputError, np.linalg.LinAlgError):  # the gap has closed
         return None
     return found if found is not None and found[2] < POOR else None
 
 
-def _followed(start: Start, model: Model, row: np.ndarray, shares: Sequence[float]) -> Followed | None:
+def _followed(
+    start: Start, model: Model, row: np.ndarray, shares: Sequence[float], until: float = np.inf
+) -> Followed | None:
     """Follow from an island that may be right; ``shares``: how well clearance and gap are known."""
     try:
         begun = _begun(start, model, row, shares) if start.doubt < _LIKELY else None
     except (InputError, np.linalg.LinAlgError):
         return None
-    return None if begun is None else _grown(begun[0], model, begun[1])
+    return None if begun is None else _grown(begun[0], model, begun[1], until)
 
 
 def _begun(

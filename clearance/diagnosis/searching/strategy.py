@@ -68,7 +68,8 @@ def find_explanation(
     nothing takes away what is too much for a machine with nothing missing, effects that a linear look is sure
     of, then small forces of free form, then effects that it cannot judge, are tried on paths of their own. A
     named force must stand against one of free form in its place. What is not needed is pruned. A nominal
-    machine that explains is fitted on the path of what explains more.
+    machine that explains is fitted on the path of what explains more. Where something is left, a load's edges
+    are looked for along the stroke.
 
     Args:
         search: after its nominal stage.

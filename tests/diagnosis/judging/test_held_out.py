@@ -1,6 +1,5 @@
 """What is expected of recordings that were held out."""
 
-import time
 from copy import copy
 from types import SimpleNamespace
 
@@ -170,31 +169,20 @@ def test_what_is_followed_by_a_clock_is_followed_again_by_another(monkeypatch):
     assert ("nominal", 0.0) in asked  # not what was followed by the first one's clock
 
 
-@pytest.mark.parametrize("guide", [False, True])
 @pytest.mark.parametrize(
-    ("patience", "seconds", "expected"),
+    ("name", "patience", "expected"),
     [
-        (40, 60.0, {False: "a onward b c", True: "onward between a b c"}),
-        (40, -1.0, {False: "a", True: "onward between"}),
-        (0, 60.0, {False: "a", True: "a"}),
+        ("gravity", 40, "a onward b c"),
+        ("guide_clearance", 40, "onward between a b c"),
+        ("gravity", 0, "a"),
+        ("guide_clearance", 0, "a"),
     ],
-    ids=["with patience", "in a hurry", "once"],
 )
-def test_ways_on_which_held_out_recordings_are_followed(monkeypatch, guide, patience, seconds, expected):
-    places = "abc" if patience else "a"
+def test_ways_on_which_held_out_recordings_are_followed(monkeypatch, name, patience, expected):
+    places = [lambda place=place: place for place in ("abc" if patience else "a")]
     monkeypatch.setattr(judging, "ways_to_follow", lambda *_: iter(places))
     monkeypatch.setattr(judging, "go_on", lambda *_: "onward")
-    monkeypatch.setattr(judging, "follow_rattling", lambda *_: "between")
-    search = SimpleNamespace(patient_until=time.monotonic() + seconds)
-    one = attempt(["guide_clearance" if guide else "gravity"], 1.0)
-    found = list(judging._ways(search, one, SimpleNamespace(speed=1.0), None, patience))
-    assert found == expected[guide].split()
-
-
-def test_a_loose_guide_in_another_recording_is_followed_from_a_sure_place_where_no_strike_tells(monkeypatch):
-    for name in ("go_on", "follow_rattling"):
-        monkeypatch.setattr(judging, name, lambda *_: None)
-    monkeypatch.setattr(judging, "ways_to_follow", lambda *_: iter("abc"))
-    search, one = SimpleNamespace(patient_until=-np.inf), attempt(["guide_clearance"], 1.0)
-    found = list(judging._ways(search, one, SimpleNamespace(speed=1.0), None, 40))
-    assert found == [None, None, "a"]
+    monkeypatch.setattr(judging, "_between_rails", lambda *_: "between")
+    search, trace = SimpleNamespace(patient_until=np.inf), SimpleNamespace(speed=1.0)
+    ways = judging._ways(search, attempt([name], 1.0), trace, None, patience)
+    assert [way() for way in ways] == expected.split()
