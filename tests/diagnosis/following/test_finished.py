@@ -113,3 +113,17 @@ def test_a_folder_that_cannot_be_made_is_named(measured, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="change finished"):
         run(measured, tmp_path / "file")
+
+
+def test_what_time_has_cut_short_is_not_what_another_run_finds(tmp_path):
+    first = Finished(tmp_path, [], lambda _: None)
+
+    def cut() -> float:
+        first.stop()
+        return 1.0
+
+    assert first.number("glance", lambda: 3.0) == 3.0
+    assert first.number("glance", cut) == 1.0
+    again = Finished(tmp_path, [], lambda _: None)
+    assert again.number("glance", never) == 3.0
+    assert again.number("glance", lambda: 2.0) == 2.0

@@ -50,6 +50,16 @@ def test_a_fit_that_stopped_beside_its_minimum_is_moved_there(settled, monkeypat
     assert stopped.fit.cost < settled.fit.cost + 1.0
 
 
+def test_a_fit_that_has_moved_often_enough_is_told_how_far_the_likelihood_goes_about_it(settled, monkeypatch):
+    sd = deviations(settled.fit)[0]
+    stopped = fitted(settled.fit.values + np.array([3.0 * sd, 0.0]), 0)
+    monkeypatch.setattr(likelihood, "fit", Once(stopped.fit))
+    monkeypatch.setattr(likelihood, "_MOVES", 0)
+    ask_likelihood(stopped, 1)
+    assert stopped.fit.values[0, 0] == pytest.approx(settled.fit.values[0, 0] + 3.0 * sd)
+    assert stopped.reach[0, 0] > 3.0 * sd  # beyond the better fit
+
+
 class Once:
     """The first fit does not move, as if a ripple held it."""
 
