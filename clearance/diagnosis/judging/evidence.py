@@ -10,7 +10,7 @@ from clearance.diagnosis.judging.mismatch import Innovations, innovations, locat
 from clearance.diagnosis.judging.nominal_map import nominal_map
 from clearance.diagnosis.judging.signature import signatures
 from clearance.diagnosis.judging.verdict import effects_of, free_form_of, probabilities
-from clearance.diagnosis.searching.explanation import Explanation, penalised
+from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import p_value
 from clearance.diagnosis.sensing.measured import Measured
@@ -129,7 +129,7 @@ def _ranking(explanation: Explanation) -> list[dict[str, Any]]:
     rows = []
     best = explanation.best
     tried = {id(a): a for a in [*explanation.attempts, explanation.shown] if a is not None}
-    for attempt in sorted(tried.values(), key=penalised):
+    for attempt in sorted(tried.values(), key=explanation.price):
         effects = effects_of(attempt, chance)
         fall = samples * (explanation.nominal.misfit - attempt.misfit)
         rows.append(

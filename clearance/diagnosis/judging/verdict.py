@@ -9,7 +9,7 @@ from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import DAMPING, FREE_FORM, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.kinematics.shaking import Shaking
-from clearance.diagnosis.searching.explanation import Explanation, penalised
+from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.significance import beats, margin, suspicious, unsettled
 from clearance.diagnosis.shooting.covariance import deviations
 from clearance.mechanism.applied_force import TabulatedForce, shares
@@ -67,7 +67,7 @@ def withdraw(explanation: Explanation) -> None:
     """
     while explanation.best.hypotheses and explanation.best is not explanation.shown:
         best = explanation.best
-        numbers, place, sure = estimates(best), 1, beats(best, explanation.nominal)
+        numbers, place, sure = estimates(best), 1, beats(best, explanation)
         for hypothesis in best.hypotheses:
             sizes = [i for i in range(len(hypothesis.unknowns)) if not _shape(hypothesis, i)]
             sure &= hypothesis.name == FREE_FORM or any(
@@ -91,7 +91,7 @@ def equivalents(explanation: Explanation) -> list[Attempt]:
     best = explanation.best
     if not explained(best):
         return [best]
-    limit = penalised(best) + margin(best)
+    limit = explanation.price(best) + margin(explanation)
     alike = [
         a
         for a in explanation.attempts
@@ -99,11 +99,11 @@ def equivalents(explanation: Explanation) -> list[Attempt]:
         and not a.withdrawn
         and unnamed(a.hypotheses) is None
         and explained(a)
-        and penalised(a) < limit
+        and explanation.price(a) < limit
         and a.level < _WORSE * best.level
         and not {h.name for h in best.hypotheses} <= {h.name for h in a.hypotheses}
     ]
-    return [best, *sorted(alike, key=penalised)]
+    return [best, *sorted(alike, key=explanation.price)]
 
 
 def place_of(explanation: Explanation, held_out: Attempt | None = None) -> tuple[str | None, str | None]:
@@ -222,9 +222,9 @@ def clearance_of(explanation: Explanation) -> Estimate:
 
 
 def probabilities(explanation: Explanation) -> dict[int, float]:
-    """Of each that may be asserted, by its ``id``: exp(-difference / 2) of penalised sums of squares."""
+    """Of each that may be asserted, by its ``id``: exp(-difference / 2) of prices."""
     every = explanation.standing
-    prices = np.array([penalised(a) for a in every])
+    prices = np.array([explanation.price(a) for a in every])
     weights = np.exp(-0.5 * (prices - prices.min()))
     weights /= weights.sum()
     return {id(a): float(w) for a, w in zip(every, weights, strict=True)}

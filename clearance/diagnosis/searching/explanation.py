@@ -97,19 +97,26 @@ class Explanation:
         return list(found.values())
 
     @property
+    def samples(self) -> int:
+        """Of the stretches on which the nominal machine was followed."""
+        return sum(one.samples for one in self.nominal.fit.passes)
+
+    def price(self, attempt: Attempt) -> float:
+        """Robust sum of squares at the smallest scale reached, and a price for each parameter (Schwarz 1978).
+
+        Over as many samples as the nominal machine was followed on: a force over time is followed for a
+        period, another place in a short recording has less behind it.
+        """
+        price = self.samples * attempt.misfit
+        return price + attempt.model.shared * np.log(self.samples) * max(attempt.misfit, 1.0)
+
+    @property
     def best(self) -> Attempt:
-        """The attempt with the smallest penalised misfit, of those that may be asserted.
+        """The attempt of the smallest price, of those that may be asserted.
 
         Where it does not explain the recordings, what the motion alone shows comes before it; a force on the
         frame does where the nominal machine explains them: from segment to segment it is not felt.
         """
-        followed = min(self.standing, key=penalised)
+        followed = min(self.standing, key=self.price)
         unfelt = self.shaken is not None and followed is self.nominal
         return self.shown if self.shown is not None and (unfelt or not explained(followed)) else followed
-
-
-def penalised(attempt: Attempt) -> float:
-    """Robust sum of squares at the smallest scale reached, with a price for each parameter (Schwarz 1978)."""
-    samples = sum(p.samples for p in attempt.fit.passes)
-    shared = attempt.model.shared
-    return samples * attempt.misfit + shared * np.log(samples) * max(attempt.misfit, 1.0)

@@ -8,7 +8,7 @@ import numpy as np
 from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import unnamed
 from clearance.diagnosis.searching.beside import beside
-from clearance.diagnosis.searching.explanation import Explanation, penalised
+from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import reshape
 from clearance.diagnosis.searching.screening import Hint, screen
 from clearance.diagnosis.searching.search import Search
@@ -68,9 +68,9 @@ def contest(search: Search, explanation: Explanation) -> None:
     alone = [a for a in explanation.attempts if len(a.hypotheses) == 1 and a.label in labels and explained(a)]
     if not alone:
         return
-    reshape(search, explanation, min(alone, key=penalised))
+    reshape(search, explanation, min(alone, key=explanation.price))
     table = explanation.best
-    if table is not best and penalised(table) + margin(best) > penalised(best):
+    if table is not best and explanation.price(table) + margin(explanation) > explanation.price(best):
         for attempt in explanation.attempts:
             attempt.withdrawn |= unnamed(attempt.hypotheses) is not None
 
@@ -82,7 +82,8 @@ def hear(explanation: Explanation) -> None:
     than what was late, so that two faults of one sensor are compared with the recording as it is.
     """
     while len(rivals := _rivals(explanation)) > 1:
-        cost = [_heard(attempt) for attempt in rivals]
+        samples = sum(follower.measured.values[..., 0].size for follower in rivals[0].followers)
+        cost = [samples * _heard(attempt) for attempt in rivals]
         if cost[0] - min(cost) < SURE:
             return
         rivals[0].withdrawn = True
@@ -102,8 +103,8 @@ def _rivals(explanation: Explanation) -> list[Attempt]:
 
 
 def _heard(attempt: Attempt) -> float:
-    """Robust sum of squares of what instruments make of an attempt's signals, beside the recordings."""
-    total = 0.0
+    """Robust mean square of what instruments make of an attempt's signals, beside the recordings."""
+    total, samples = 0.0, 0
     for follower, row, one in zip(attempt.followers, attempt.fit.values, attempt.fit.passes, strict=True):
         measured = follower.measured
         channels = len(measured.channels)
@@ -112,7 +113,8 @@ def _heard(attempt: Attempt) -> float:
         )
         apart = disagreement((told - measured.values.reshape(-1, channels)) / measured.sigma)
         total += len(told) * float((apart**2).sum())
-    return total
+        samples += len(told)
+    return total / samples
 
 
 def _compare_kinds(search: Search, explanation: Explanation, base: Attempt) -> None:

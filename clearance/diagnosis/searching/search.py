@@ -28,7 +28,7 @@ from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.kinematics.agreement import Alignment, profile
 from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching.beside import BETTER, HALFWAY, NEARLY, beside, enough
-from clearance.diagnosis.searching.explanation import Explanation, penalised
+from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.measured import NO_FAULT, Measured
@@ -302,7 +302,7 @@ class Search:
         """Follow with the best of what was tried beside the near path of ``base``: impacts may be torn."""
         labels = [" + ".join(h.label for h in (*base.hypotheses, *hint.hypotheses)) for hint in tried]
         fitted = [a for a in explanation.attempts if a.label in labels]
-        best = min(fitted, key=penalised, default=None)
+        best = min(fitted, key=explanation.price, default=None)
         if base.scale > ANNEALING[3] or best is None or not best.misfit < BETTER * base.misfit:
             return
         limit = max(base.misfit, POOR)

@@ -16,7 +16,7 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import unnamed
-from clearance.diagnosis.searching.explanation import Explanation, penalised
+from clearance.diagnosis.searching.explanation import Explanation
 
 SURE = 60.0
 """Fall of the sum of squares that neither chance nor another integrator brings (15 in ``nulls.json``)."""
@@ -29,7 +29,7 @@ _UNUSUAL = 0.05  # p-value above which nothing is asserted
 _FLOOR = 1.05  # misfit that a right model may leave
 _RIGHT = 1.15  # misfit above which one that explains lacks something: right ones left 1.12 at most
 _SMALL = 0.5  # of the nominal machine's misfit above 1: what is small and right leaves less
-_ALIKE = 12.0  # difference of penalised sums of squares below which two explanations are equivalent
+_ALIKE = 12.0  # difference of prices below which two explanations are equivalent
 
 
 @cache
@@ -53,20 +53,21 @@ def p_value(fall: float, simulated: np.ndarray | None = None) -> float:
     return float((1 + np.count_nonzero(scores >= fall)) / (len(scores) + 1))
 
 
-def margin(attempt: Attempt) -> float:
-    """Difference of penalised sums of squares below which another explanation is equivalent."""
-    return float(_ALIKE * sum(p.samples for p in attempt.fit.passes) ** 0.5 / 10.0)
+def margin(explanation: Explanation) -> float:
+    """Difference of prices below which another explanation is equivalent."""
+    return float(_ALIKE * explanation.samples**0.5 / 10.0)
 
 
-def beats(attempt: Attempt, nominal: Attempt) -> bool:
+def beats(attempt: Attempt, explanation: Explanation) -> bool:
     """Whether an attempt explains more than a nominal machine that explains, too, by more than chance brings.
 
     On other stretches of the recordings what these differ by is allowed for.
     """
+    nominal = explanation.nominal
     if not explained(nominal):
         return True
-    chance = SURE if _stretches(attempt) == _stretches(nominal) else margin(attempt)
-    return penalised(attempt) + chance < penalised(nominal)
+    chance = SURE if _stretches(attempt) == _stretches(nominal) else margin(explanation)
+    return explanation.price(attempt) + chance < explanation.price(nominal)
 
 
 def _stretches(attempt: Attempt) -> list[tuple[str, int, int]]:

@@ -16,7 +16,7 @@ from clearance.diagnosis.searching.elsewhere import (
     begin_sure,
     rhythm_of,
 )
-from clearance.diagnosis.searching.explanation import Explanation, Suspected, penalised
+from clearance.diagnosis.searching.explanation import Explanation, Suspected
 from clearance.diagnosis.searching.free_search import fit_curve, name_curve, reshape, sharpen, suggest_curve
 from clearance.diagnosis.searching.from_motion import (
     begin_balanced,
@@ -187,7 +187,9 @@ def _search_all(
 
     def build_on(part: float = _PART) -> None:
         before, base = nominal, _named(explanation)
-        while base not in built_on and _in_part(base, before, part) and len(base.hypotheses) < most:
+        while (
+            base not in built_on and _in_part(explanation, base, before, part) and len(base.hypotheses) < most
+        ):
             built_on.append(base)
             if base is explanation.best:
                 enlarge(search, explanation)
@@ -288,21 +290,23 @@ def _loose(attempt: Attempt) -> bool:
 def _named(explanation: Explanation) -> Attempt:
     """The best attempt; where it has a table that leaves much all the same, the best without one."""
     best = explanation.best
-    named = min((a for a in explanation.standing if unnamed(a.hypotheses) is None), key=penalised)
-    tabled = unnamed(best.hypotheses) is not None and penalised(best) < _PART * penalised(named)
+    named = min((a for a in explanation.standing if unnamed(a.hypotheses) is None), key=explanation.price)
+    tabled = unnamed(best.hypotheses) is not None and explanation.price(best) < _PART * explanation.price(
+        named
+    )
     return best if tabled else named
 
 
-def _in_part(attempt: Attempt, base: Attempt, part: float) -> bool:
+def _in_part(explanation: Explanation, attempt: Attempt, base: Attempt, part: float) -> bool:
     """Whether named effects leave less than a part of what ``base`` leaves beyond noise, but something."""
+
+    def beyond_noise(one: Attempt) -> float:
+        return explanation.price(one) - explanation.samples
+
     geometric = bool(attempt.hypotheses) and attempt.hypotheses[-1].name in GEOMETRIC
     return (
         len(attempt.hypotheses) > len(base.hypotheses)
         and unnamed(attempt.hypotheses) is None
         and not explained(attempt)
-        and _beyond_noise(attempt) < (max(_SEEN, part) if geometric else part) * _beyond_noise(base)
+        and beyond_noise(attempt) < (max(_SEEN, part) if geometric else part) * beyond_noise(base)
     )
-
-
-def _beyond_noise(attempt: Attempt) -> float:
-    return penalised(attempt) - sum(one.samples for one in attempt.fit.passes)

@@ -18,7 +18,7 @@ def islands(monkeypatch, outcomes):
     def several(trace, model, looseness, count):
         return [SimpleNamespace(trace=trace, island=i, doubt=trace.doubts[i]) for i in range(2)]
 
-    def grow(start, model, row, limit, patient):
+    def grow(start, model, row, limit, patient, until):
         asked.append((row[-1], start.island))
         outcome = outcomes[start.trace.speed, start.island]
         if isinstance(outcome, Exception):
@@ -52,11 +52,11 @@ def test_every_recording_must_be_followed_from_one_of_its_islands(monkeypatch, f
     rows = np.array([[3e-4, 2e-5, one.speed] for one in TRACES])
     first = {(700.0, 0): HELD, (700.0, 1): LOST}  # from the more doubtful island
     islands(monkeypatch, first | {(800.0, 0): false, (800.0, 1): other})
-    followers, found = rattling.fit_rattling(TRACES, MODEL, rows, 1, lambda: False)
+    followers, found = rattling.fit_rattling(TRACES, MODEL, rows, 1, lambda: False, [], {})
     assert followers == ["follower", "other"]
     np.testing.assert_allclose(found, [[3.1e-4, 2.1e-5, 700.0], [3.1e-4, 2.1e-5, 800.0]])
     islands(monkeypatch, first | {(800.0, 0): false, (800.0, 1): false})
-    assert rattling.fit_rattling(TRACES, MODEL, rows, 1, lambda: False) is None
+    assert rattling.fit_rattling(TRACES, MODEL, rows, 1, lambda: False, [], {}) is None
 
 
 def ways(segment, *found):

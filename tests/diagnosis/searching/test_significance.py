@@ -71,3 +71,11 @@ def test_the_scores_were_measured():
     assert len(scores) >= 100
     assert np.all(np.diff(scores) >= 0.0)
     assert 1.0 < np.median(scores) < 60.0
+
+
+def test_what_is_followed_for_longer_is_not_dearer():
+    timed, wrong = attempt([FREE_FORM], 1.05), attempt(["slider_spring"], 1.9)
+    timed.fit.passes[0].samples = 24_000  # for a period
+    explanation = Explanation(attempt([], 30.0), [wrong, timed])
+    assert explanation.best is timed
+    assert explanation.price(timed) < 12_000

@@ -116,8 +116,8 @@ def test_the_nominal_machine_keeps_its_own_path_where_another_is_no_beginning(mo
     ],
 )
 def test_what_beats_the_nominal_machine_leaves_less_than_chance_would(first, misfit, expected):
-    assert beats(fitted(["restitution"], misfit, first=first), fitted([], 1.0)) == expected
+    assert beats(fitted(["restitution"], misfit, first=first), Explanation(fitted([], 1.0))) == expected
 
 
 def test_a_nominal_machine_that_does_not_explain_is_beaten_by_anything():
-    assert beats(fitted(["restitution"], 1.0), fitted([], 40.0))
+    assert beats(fitted(["restitution"], 1.0), Explanation(fitted([], 40.0)))

@@ -186,7 +186,8 @@ def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkey
     ],
 )
 def test_a_good_part_of_what_is_missing_is_built_on(names, misfit, part, expected):
-    assert _in_part(attempt(names, misfit), attempt([], 25.2), part) == expected
+    nominal = attempt([], 25.2)
+    assert _in_part(Explanation(nominal), attempt(names, misfit), nominal, part) == expected
 
 
 @pytest.fixture
