@@ -274,6 +274,7 @@ def test_a_small_trial_of_the_tool_itself(tmp_path):
         "scope.noise=[[0.01,1]]", "scope.sensors={all: 1, seven: 0, rod: 0}", "scope.encoder=1",
         "scope.known_frame=0", "scope.clearance_range=[5e-5,2e-4]", "results=published/trial-7.json",
         "history=page.md",
+        'arguments=["time_limit=600","hypotheses=[gravity,contact_stiffness,restitution,sensor_gain]"]',
     )  # fmt: skip
     (tmp_path / "page.md").write_text("\n".join(marks("trials", "trial")))
     done = subprocess.run(
