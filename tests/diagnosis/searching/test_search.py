@@ -180,14 +180,16 @@ def test_a_force_without_a_name_is_found_on_its_body_with_its_argument():
 @pytest.mark.slow
 def test_friction_without_a_name_is_a_line_over_its_joints_force():
     found, explanation = within(3e-4, ("gravity",), friction=Coulomb(0.2))
-    suggested, misfit = suggest_curve(found, explanation.nominal)
-    assert misfit < 0.1 * explanation.nominal.misfit
-    first = suggested[0]
-    assert (first.body, first.direction, first.argument) == ("joint_c", "tangential", "contact_force")
-    fit_curve(found, explanation, suggested)
-    assert explained(explanation.best)
-    slope = np.diff(explanation.best.fit.values[0, 1:-1]) / np.diff(first.knots)
-    assert slope == pytest.approx([0.2], rel=0.1)
+    explanation = Explanation(explanation.nominal, agreed=explanation.agreed)
+    begin_inside(found, explanation)
+    best = explanation.best
+    assert explained(best)
+    (hypothesis,) = best.hypotheses
+    assert (hypothesis.body, hypothesis.direction) == ("joint_c", "tangential")
+    law = hypothesis.apply(SETTING.machine, best.fit.values[0, 1:-1]).force
+    assert isinstance(law, TabulatedForce)
+    assert law.argument == "force_c"
+    assert np.diff(law.values) / law.spacing == pytest.approx([0.2], rel=0.1)
 
 
 @pytest.mark.slow
