@@ -23,6 +23,7 @@ _LONGEST = 0.5  # of the longest recording: what comes once is no rhythm
 _COARSE, _FINE, _SHARED = 3, 6, 12  # harmonics that find the period, tell it from others, and settle it
 _FINER = 12.0  # steps of the frequency in one over the longest recording
 _CLOSER = 6  # frequencies that are looked at closely
+_PARTS = np.array([1.0, 2.0, 3.0])  # and of them, since few harmonics may show a part of the period best
 _MULTIPLE, _NO_WORSE = 4, 1.2  # times the frequency that leave no more than that share are the period's own
 _TURNS = 240  # places in a period at which series are compared
 
@@ -90,7 +91,8 @@ def find_rhythm(recordings: Sequence[Needed], scatter: float) -> Rhythm | None:
         return None
     costs = np.array([apart(f, _COARSE) for f in frequencies])
     dips = [i for i in np.argsort(costs) if costs[i] <= costs[max(i - 1, 0) : i + 2].min()][:_CLOSER]
-    near = frequencies[dips][:, None] + step * np.linspace(-1.0, 1.0, 9)
+    looked = (frequencies[dips][:, None] / _PARTS).ravel()
+    near = looked[looked >= frequencies[0]][:, None] + step * np.linspace(-1.0, 1.0, 9)
     closer = {float(f): apart(f, _FINE) for f in near.ravel()}
     best = min(closer, key=lambda f: closer[f])
     for multiple in range(_MULTIPLE, 1, -1):

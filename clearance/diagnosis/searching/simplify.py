@@ -101,9 +101,11 @@ def enlarge(search: Search, explanation: Explanation) -> None:
             offset = 1 + sum(len(h.unknowns) for h in best.hypotheses[:index])
             old = best.fit.values[:, offset : offset + len(hypothesis.unknowns)]
             own = {u.name: old[:, i] for i, u in enumerate(hypothesis.unknowns)}
+            # a parameter that does nothing at "off" shows no slope there; the work of all motion may show it
+            pushed = next((v for h, v in explanation.pushes if h.label == larger.label), None)
             middle = np.stack(
                 [
-                    own.get(u.name, np.full(len(old), _ready(larger, i)))
+                    own.get(u.name, np.full(len(old), _ready(larger, i) if pushed is None else pushed[i]))
                     for i, u in enumerate(larger.unknowns)
                 ],
                 axis=1,

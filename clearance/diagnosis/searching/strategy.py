@@ -274,13 +274,20 @@ def _search_all(
 def _enough(explanation: Explanation) -> bool:
     """Whether the recordings are explained, or a table leaves so little that its shape alone is missing.
 
-    Without the play that its motion shows no machine is followed.
+    It is not that where a finer table leaves no less. Without the play that its motion shows no machine is
+    followed.
     """
     best = explanation.best
-    table = unnamed(best.hypotheses) is not None
+    table = unnamed(best.hypotheses) is not None and not _refined(explanation, best)
     if explanation.rails is not None and not any(_loose(a) for a in explanation.attempts):
         return True
     return explained(best) or (table and best.misfit < min(_PART * explanation.nominal.misfit, NEARLY))
+
+
+def _refined(explanation: Explanation, best: Attempt) -> bool:
+    """Whether a table with more knots was fitted in the place of the best one."""
+    label, knots = best.label, best.model.shared
+    return any(a.label == label and a.model.shared > knots for a in explanation.attempts)
 
 
 def _loose(attempt: Attempt) -> bool:

@@ -17,6 +17,12 @@ def sawtooth(turns):
     return 2.0 * (turns % 1.0) - 1.0
 
 
+def uneven(turns):
+    """Half a period resembles the other half: few harmonics show that, and not the period."""
+    sizes = (0.05, 0.6, 0.05, 1.0, 0.6, 1.0)
+    return sum(a * np.sin(2.0 * np.pi * (k + 1) * turns + k) for k, a in enumerate(sizes))
+
+
 def needed(shape, period, begins, mean=0.0, bin_width=1e-3, seconds=0.5):
     """What recordings at two speeds lack; each begins elsewhere in the period."""
     noise, recordings, bins = np.random.default_rng(1), [], round(seconds / bin_width)
@@ -30,7 +36,7 @@ def needed(shape, period, begins, mean=0.0, bin_width=1e-3, seconds=0.5):
     return recordings
 
 
-@pytest.mark.parametrize("shape", [square, sawtooth, lambda turns: np.sin(2.0 * np.pi * turns)])
+@pytest.mark.parametrize("shape", [square, sawtooth, lambda turns: np.sin(2.0 * np.pi * turns), uneven])
 @pytest.mark.parametrize(("period", "mean"), [(0.021, 0.0), (0.083, 5.0), (0.24, 10.0)])
 def test_the_period_of_a_force_and_the_clocks_of_recordings_are_found(shape, period, mean):
     found = find_rhythm(needed(shape, period, (0.4 * period, 0.7 * period), mean), SCATTER)
