@@ -47,11 +47,19 @@ def test_something_small_that_leaves_most_does_not_end_the_search(nominal, gain,
 
 
 @pytest.mark.parametrize(
-    ("nominal", "misfit", "expected"),
-    [(200.0, 1.2, True), (200.0, 3.0, True), (200.0, 15.0, False), (8.0, 3.0, False)],
-)
-def test_a_table_ends_the_search_where_only_its_shape_can_be_missing(nominal, misfit, expected):
-    assert _enough(Explanation(attempt([], nominal), [attempt(["free_form"], misfit)])) == expected
+    ("nominal", "misfit", "finer", "expected"),
+    [
+        (200.0, 1.2, None, True), (200.0, 3.0, None, True), (200.0, 15.0, None, False),
+        (8.0, 3.0, None, False),
+        (200.0, 3.0, 3.4, False),  # more knots do not help: it is no matter of its shape
+        (200.0, 3.0, 2.0, True),
+    ],
+)  # fmt: skip
+def test_a_table_ends_the_search_where_only_its_shape_can_be_missing(nominal, misfit, finer, expected):
+    tables = [attempt(["free_form"], one) for one in (misfit, finer) if one is not None]
+    for knots, table in zip((6, 12), tables, strict=False):
+        table.label, table.model.shared = "free_form(crank torque)", 1 + knots
+    assert _enough(Explanation(attempt([], nominal), tables)) == expected
 
 
 @pytest.mark.parametrize(
