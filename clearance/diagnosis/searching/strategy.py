@@ -298,10 +298,8 @@ def _named(explanation: Explanation) -> Attempt:
     """The best attempt; where it has a table that leaves much all the same, the best without one."""
     best = explanation.best
     named = min((a for a in explanation.standing if unnamed(a.hypotheses) is None), key=explanation.price)
-    tabled = unnamed(best.hypotheses) is not None and explanation.price(best) < _PART * explanation.price(
-        named
-    )
-    return best if tabled else named
+    little = explanation.price(best) < _PART * explanation.price(named)
+    return best if unnamed(best.hypotheses) is not None and little else named
 
 
 def _in_part(explanation: Explanation, attempt: Attempt, base: Attempt, part: float) -> bool:
