@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from clearance.diagnosis.sensing.encoder import encoder_counts
 from clearance.errors import InputError
 from clearance.recording.chain import MeasurementChain, declared_chain
 from clearance.recording.channels import OTHER_CHANNELS
@@ -141,21 +142,6 @@ class Track:
     def part(self, first: int, last: int) -> "Track":
         """Samples ``first`` to ``last`` alone."""
         return replace(self, values=self.values[first:last])
-
-
-def encoder_counts(angle: np.ndarray) -> int | None:
-    """Counts a turn of the encoder that an angle [rad] was read from; ``None`` where it shows none.
-
-    Encoders have a power of two, or a multiple of 90 or 100.
-    """
-    turns = (angle - angle[0]) / (2.0 * np.pi)
-    for counts in sorted(
-        {*(2**k for k in range(6, 17)), *(90 * k for k in range(1, 101)), *(100 * k for k in range(1, 101))}
-    ):
-        place = turns * counts
-        if np.abs(place - np.round(place)).max() < 1e-3 + 1e-12 * counts * np.abs(turns).max():
-            return int(counts)
-    return None
 
 
 def _declared(chain: Mapping[str, Any]) -> LowPass | None:

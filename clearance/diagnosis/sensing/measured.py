@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from clearance.diagnosis.sensing.encoder import ENCODER_COUNTS, encoder_counts, rounding_noise
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.errors import InputError
 from clearance.recording.chain import MeasurementChain, declared_chain
@@ -14,7 +15,6 @@ from clearance.simulation.layout import Signal
 
 REACH = 4  # segments to each side whose motion enters a filtered sample
 SAMPLES = 10  # a segment
-ENCODER_COUNTS = 4096  # a turn, unless declared
 NO_FAULT = Instrument()
 _DEAF = 1e4
 _BLOCK = 64  # samples that show the noise
@@ -23,6 +23,7 @@ _REPEATED, _OUTER, _NEXT = (
     0.9,
     4,
 )  # times as often as values near it; share of it, or levels, that are near
+_ROUNDED = 4.7  # times the noise of a count: more than its rounding alone shows in third differences
 _NOISE = np.random.default_rng(0).normal(size=(4096, len(Signal)))
 _PACE = {  # power of the clock's unit of time in a channel; 2 for accelerations and torques
     Signal.CRANK_ANGLE: 0.0, Signal.CRANK_SPEED: 1.0, Signal.SLIDER_POSITION: 0.0, Signal.SLIDER_VELOCITY: 1.0
@@ -241,8 +242,9 @@ def noise_level(values: np.ndarray, signal: int, limit: float = np.inf) -> float
 
     The filter leaves 0.05 of the amplitude at 0.95 of the Nyquist frequency; noise added after it does not
     fall. The quietest quarter of the recording is taken, since impacts reach even there. A sampled channel is
-    judged by its third differences, an encoder has at least the noise of its counts. Where a sensor is at its
-    limit it has none; one that is never long enough away from it says nothing.
+    judged by its third differences; an encoder has at least the noise of its counts, whose differences tell
+    nothing of how long their errors stand still. Where a sensor is at its limit it has none; one that is
+    never long enough away from it says nothing.
     """
     if signal < Signal.CRANK_ANGLE:
         window = np.hanning(_BLOCK)
@@ -257,7 +259,11 @@ def noise_level(values: np.ndarray, signal: int, limit: float = np.inf) -> float
     else:
         estimate = np.median(np.abs(np.diff(values, 3))) / 0.6745 / np.sqrt(20.0)
     if signal == Signal.CRANK_ANGLE:
-        estimate = max(estimate, 2.0 * np.pi / ENCODER_COUNTS / np.sqrt(12.0))
+        counts = encoder_counts(values)
+        least = 2.0 * np.pi / (counts or ENCODER_COUNTS) / np.sqrt(12.0)
+        if counts is not None and estimate < _ROUNDED * least:
+            return rounding_noise(values, counts)
+        estimate = max(estimate, least)
     return float(max(estimate, 1e-6 * max(values.std(), 1e-6)))
 
 

@@ -12,7 +12,7 @@ from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.motion.outcome import diagnose
 from clearance.diagnosis.motion.prediction import Guess, predict
 from clearance.diagnosis.motion.recordings import only_motion, tracks_of, uncertain_bounds, zero_is_known
-from clearance.diagnosis.motion.track import LowPass, Track, encoder_counts, respond
+from clearance.diagnosis.motion.track import LowPass, Track, respond
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.errors import InputError
 from clearance.mechanism.drive import DirectCurrentMotor, SpeedControl
@@ -102,12 +102,6 @@ def test_a_delay_is_a_delay():
     late = respond(signal, 1000.0, None, np.array([[3.3e-3, 3.3e-3]]), np.array([True, False]))[100:-100, 0]
     expected = np.stack([np.sin(30.0 * (time - 3.3e-3)), 60.0 * (time - 3.3e-3)], axis=1)[100:-100]
     assert late == pytest.approx(expected, abs=1e-4)
-
-
-def test_an_encoder_is_known_by_its_counts():
-    angle = np.linspace(0.3, 90.0, 700) ** 1.1
-    assert encoder_counts(np.round(angle / (2.0 * np.pi) * 1024.0) * 2.0 * np.pi / 1024.0) == 1024
-    assert encoder_counts(angle) is None
 
 
 def test_nothing_is_found_where_nothing_is_missing():

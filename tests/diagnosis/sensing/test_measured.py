@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clearance.diagnosis.sensing.encoder import ENCODER_COUNTS
 from clearance.diagnosis.sensing.measured import (
-    ENCODER_COUNTS,
     REACH,
     SAMPLES,
     Measured,
