@@ -193,6 +193,8 @@ def _search_all(
             built_on.append(base)
             if base is explanation.best:
                 enlarge(search, explanation)
+                if explanation.best is not base and not _enough(explanation):
+                    begin_again(search, explanation)  # the smaller variant may have torn the paths
                 if not explained(explanation.best):
                     reshape(search, explanation, explanation.best)
             if _enough(explanation) or search.late():

@@ -1,4 +1,4 @@
-"""RESULTS.md, whole, from the files that trainings left: no number in it is typed by hand."""
+"""A report such as RESULTS.md, whole, from the files that trainings left: no number in it is typed by hand."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -127,7 +127,7 @@ def results(found: Mapping[Training, Finished], pictures: Mapping[str, str]) -> 
     """
     parts = [
         "# Results\n",
-        "Made by `python -m clearance.evaluate report=RESULTS.md` (`make study`) from the files of finished "
+        "Made by `python -m clearance.evaluate report=FILE` (`make study` does it, too) from the files of finished "
         "trainings; do not edit.\n",
         _scale(list(found.values()), "Every table before the figures")
         if found
