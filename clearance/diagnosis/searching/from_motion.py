@@ -10,6 +10,7 @@ from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.searching.balance import settle_in, suggest_forces
 from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, SHARED
+from clearance.diagnosis.searching.elsewhere import begin_again
 from clearance.diagnosis.searching.everywhere import fit_from
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import refine_table
@@ -21,6 +22,7 @@ from clearance.errors import InputError
 
 _BESIDE = 2  # forces that are tried beside a part
 _FITTED, _PAIRS = 3, 5  # of the names that are suggested, of the tables too, and of pairs
+_CLEARLY = 0.1  # of what any other leaves of the imbalance: that effect is there, alone or as one of two
 _NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
 
 
@@ -59,6 +61,11 @@ def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
         if explained(explanation.best) or nearly or search.late():
             break
         best = explanation.best
+        if best is nominal and _clear(one, suggested.forces):
+            own = [p for p in suggested.pairs if any(same(h, one.hypotheses[0]) for h in p.hypotheses)]
+            begin_pairs(search, explanation, own)
+            if explanation.best is not nominal or search.late():
+                return suggested.pairs
         named = bool(best.hypotheses) and unnamed(best.hypotheses) is None
         if one.curve is not None and named and best.misfit < SHARED * nominal.misfit:
             return suggested.pairs  # no table says more than a name does: it is one of two, or all there is
@@ -67,6 +74,13 @@ def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
         if found is not None and table is not None and not explained(found):
             refine_table(search, explanation, table, found)
     return suggested.pairs
+
+
+def _clear(one: Balanced, every: Sequence[Balanced]) -> bool:
+    """Whether one effect gives nearly all that is needed, and no other one or table comes anywhere near."""
+    name = one.hypotheses[0].name
+    others = [other.cost for other in every if all(h.name != name for h in other.hypotheses)]
+    return one.curve is None and one.cost < _CLEARLY * min(others, default=np.inf)
 
 
 def begin_pairs(search: Search, explanation: Explanation, pairs: Sequence[Balanced]) -> None:
@@ -87,9 +101,33 @@ def begin_pairs(search: Search, explanation: Explanation, pairs: Sequence[Balanc
             continue
         tried.append(names)
         found = _follow(search, explanation, search.setting, pair)
+        if found is not None and not explained(found) and found.misfit < HALFWAY * nominal.misfit:
+            found = _other_variants(search, explanation, found)
         nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
         if nearly or search.late() or len(tried) == _PAIRS:
             return
+
+
+def _other_variants(search: Search, explanation: Explanation, found: Attempt) -> Attempt:
+    """The best of effects that follow nearly with one in another variant, on their path, then on its own.
+
+    The work tells that there is friction, and hardly whether it goes with the speed.
+    """
+    best, place = found, 1
+    for i, hypothesis in enumerate(found.hypotheses):
+        after = place + len(hypothesis.unknowns)
+        for group in search.groups.values():
+            other = group[0]
+            if not same(other, hypothesis) or other.label == hypothesis.label or len(other.unknowns) > 1:
+                continue
+            held = [*found.hypotheses[:i], other, *found.hypotheses[i + 1 :]]
+            rows = np.array([[*row[:place], *other.start, *row[after:]] for row in found.fit.values])
+            one = search.refit(explanation, held, found.followers, rows, found.scale)
+            best = best if one is None or one.misfit > best.misfit else one
+        place = after
+    if explanation.best is best and not (explained(best) or search.late()):
+        begin_again(search, explanation)
+    return best if explained(best) else explanation.best
 
 
 def begin_beside(search: Search, explanation: Explanation, base: Attempt) -> None:

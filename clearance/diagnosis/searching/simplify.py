@@ -7,11 +7,13 @@ from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, same
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import screen
 from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.shooting.covariance import deviations
 from clearance.diagnosis.shooting.fit import settle
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.errors import InputError
 
 _BACK = (0.8, 0.6, 0.4, 0.2, 0.0)  # of what was found: sizes on the way to off
+_SURELY = 1.96  # standard deviations from off: what is nearer may as well be off
 _STEPS = 6  # in which clearance and path follow each
 
 
@@ -19,6 +21,7 @@ def prune(search: Search, explanation: Explanation) -> None:
     """Take effects away from the best attempt as long as it explains as much without them.
 
     However late it is: beside a second effect, though it was too many, the first one's path was put right.
+    Variants of the effects with fewer parameters are tried too: one that does nothing blurs the others.
     """
     while len(explanation.best.hypotheses) > 1:
         best = explanation.best
@@ -44,6 +47,33 @@ def prune(search: Search, explanation: Explanation) -> None:
                 search.refit(explanation, held, best.followers, values, ANNEALING[2], again=True)
         if explanation.best is best:
             break
+    _reduce(search, explanation)
+
+
+def _reduce(search: Search, explanation: Explanation) -> None:
+    """Try variants of the best attempt's effects without parameters that may as well be off, on its path."""
+    best, offset = explanation.best, 1
+    if search.late() or not explained(best):
+        return
+    for index, hypothesis in enumerate(best.hypotheses):
+        names = [u.name for u in hypothesis.unknowns]
+        place = slice(offset, offset + len(names))
+        offset = place.stop
+        for group in search.groups.values():
+            smaller = group[0]
+            own = [u.name for u in smaller.unknowns]
+            if not same(smaller, hypothesis) or not set(own) < set(names):
+                continue
+            apart = np.abs(best.fit.values[0, place] - hypothesis.off)
+            needed = (apart > _SURELY * deviations(best.fit)[place]) & ~hypothesis.shapes
+            if not {name for name, one in zip(names, needed, strict=True) if one} <= set(own):
+                continue
+            held = [*best.hypotheses[:index], smaller, *best.hypotheses[index + 1 :]]
+            kept = [place.start + names.index(name) for name in own]
+            columns = [*range(place.start), *kept, *range(place.stop, best.fit.values.shape[1])]
+            search.refit(
+                explanation, held, best.followers, best.fit.values[:, columns], best.scale, again=True
+            )
 
 
 def retry_nominal(search: Search, explanation: Explanation) -> None:

@@ -1,4 +1,4 @@
-"""A report such as RESULTS.md, whole, from the files that trainings left: no number in it is typed by hand."""
+"""A report (RESULTS.md), whole, from the files that trainings left: no number in it is typed by hand."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -127,8 +127,8 @@ def results(found: Mapping[Training, Finished], pictures: Mapping[str, str]) -> 
     """
     parts = [
         "# Results\n",
-        "Made by `python -m clearance.evaluate report=FILE` (`make study` does it, too) from the files of finished "
-        "trainings; do not edit.\n",
+        "Made by `python -m clearance.evaluate report=FILE` (`make study` does it, too) from the files of "
+        "finished trainings; do not edit.\n",
         _scale(list(found.values()), "Every table before the figures")
         if found
         else "No training is finished.\n",

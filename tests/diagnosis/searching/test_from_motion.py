@@ -141,3 +141,59 @@ def test_no_second_table_is_followed_where_none_says_more_than_a_name_that_does_
     )  # fmt: skip
     begin_balanced(search, Explanation(attempt([], 100.0)))
     assert tried == ["process_load", *["free_form"] * tables]
+
+
+@pytest.mark.parametrize("other", [3.0, 0.5])
+def test_what_alone_gives_nearly_all_and_is_not_followed_is_one_of_two(monkeypatch, other):
+    def single(name, cost):
+        hypothesis = SimpleNamespace(name=name, label=name, body="crank", channel=None)
+        return Balanced((hypothesis,), np.ones(1), cost, 3e-4)
+
+    tried = []
+
+    def fit(search, explanation, base, hypotheses, *more, **other):
+        tried.append([h.name for h in hypotheses])
+        return None
+
+    drive, friction = single("soft_drive", 0.1), single("guide_friction", 2.0)
+    both = Balanced((*drive.hypotheses, *friction.hypotheses), np.ones(2), 0.09, 3e-4)
+    forces = [drive, single("torque_ripple", other), single("rod_inertia", 4.0)]
+    suggested = Suggested(forces, balanced=False, pairs=[both])
+    monkeypatch.setattr(from_motion, "suggest_forces", lambda *_: suggested)
+    monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
+    monkeypatch.setattr(from_motion, "fit_from", fit)
+    search = SimpleNamespace(
+        setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext(),
+        profile=SimpleNamespace(best=3e-4),
+    )  # fmt: skip
+    begin_balanced(search, Explanation(attempt([], 100.0)))
+    assert tried[0] == ["soft_drive"]
+    assert (["soft_drive", "guide_friction"] in tried[1:2]) == (other == 3.0)
+    assert len(tried) == (4 if other == 3.0 else 3)
+
+
+def test_of_two_that_follow_nearly_each_is_tried_in_its_other_variants(monkeypatch):
+    def variant(name, parameter):
+        return SimpleNamespace(
+            name=name, label=f"{name}({parameter})", channel=None, start=np.array([5.0]),
+            unknowns=(SimpleNamespace(name=parameter),),
+        )  # fmt: skip
+
+    friction = [variant("guide_friction", one) for one in ("coulomb", "viscous")]
+    found = attempt(["soft_drive", "guide_friction"], 3.0)
+    found.hypotheses = (variant("soft_drive", "gain"), friction[0])
+    found.fit.values = np.array([[3e-4, 1.1, 0.2, 535.0], [3e-4, 1.1, 0.2, 920.0]])
+    explanation, asked = Explanation(attempt([], 100.0), [found]), []
+
+    def refit(explanation, held, followers, values, scale):
+        asked.append(([h.label for h in held], values.tolist()))
+        explanation.attempts.append(attempt(["soft_drive", "guide_friction"], 1.0))
+        return explanation.attempts[-1]
+
+    monkeypatch.setattr(from_motion, "_follow", lambda *given: found)
+    groups = {one.label: [one] for one in (variant("gravity", "x"), *friction)}
+    search = SimpleNamespace(setting=None, late=lambda: False, groups=groups, refit=refit)
+    begin_pairs(search, explanation, [pair("soft_drive", "guide_friction"), pair("gravity", "slider_spring")])
+    labels = ["soft_drive(gain)", "guide_friction(viscous)"]
+    assert asked == [(labels, [[3e-4, 1.1, 5.0, 535.0], [3e-4, 1.1, 5.0, 920.0]])]
+    assert explanation.best is explanation.attempts[-1]  # which explains: no other two are tried

@@ -1,6 +1,7 @@
 """What an explanation can do without."""
 
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ class Recorder:
 
     setting = SimpleNamespace(with_clearance=lambda _: None, model=lambda: "nominal machine", joint="C")
     workers = 1
+    groups: ClassVar = {}
 
     def __init__(self, misfits):
         self.misfits, self.asked = misfits, []
@@ -44,7 +46,7 @@ class Recorder:
     def others(self, attempt):
         return []
 
-    def refit(self, explanation, held, followers, values, scale, again):
+    def refit(self, explanation, held, followers, values, scale, iterations=8, again=False):
         assert again  # though one with the same hypotheses explains, on a path of its own
         names = [h.name for h in held]
         self.asked.append((names, values.tolist()))
@@ -80,6 +82,35 @@ def retried(monkeypatch, nominal, best, again, gain):
     monkeypatch.setattr(simplify, "screen", lambda *_: SimpleNamespace(singles=[SimpleNamespace(gain=gain)]))
     retry_nominal(Recorder({}), explanation)
     return explanation
+
+
+def variant(*names):
+    unknowns = tuple(SimpleNamespace(name=name, low=-1e6, high=1e6) for name in names)
+    return SimpleNamespace(
+        name="guide_friction", channel=None, unknowns=unknowns, off=np.zeros(len(names)),
+        shapes=np.array([name.endswith("velocity") for name in names]),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("spread", "expected"), [(0.5, [["coulomb"]]), (0.01, []), (2.0, [["coulomb"], ["viscous"]])]
+)
+def test_parameters_that_may_as_well_be_off_are_tried_without(monkeypatch, spread, expected):
+    best = fitted(["guide_friction"], 1.0)
+    best.hypotheses = (variant("coulomb", "viscous", "velocity"),)
+    best.fit.values = np.array([[3e-4, 3.0, 0.1, 0.4, 700.0]])
+    best.model.shared = 4
+    monkeypatch.setattr(simplify, "deviations", lambda fit: np.full(4, spread))
+    search, asked = Recorder({}), []
+    search.groups = {n: [variant(n)] for n in ("coulomb", "viscous")} | {"gap": [variant("gap")]}
+
+    def refit(explanation, held, followers, values, scale, again):
+        asked.append([u.name for u in held[0].unknowns])
+        assert values.tolist() == [[3e-4, 3.0 if asked[-1] == ["coulomb"] else 0.1, 700.0]]
+
+    search.refit = refit
+    prune(search, Explanation(fitted([], 40.0), [best]))
+    assert asked == expected
 
 
 @pytest.mark.parametrize(
