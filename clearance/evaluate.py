@@ -98,6 +98,9 @@ def measure_perturbed(runs: Path, perturbations: Mapping[str, Perturbation], rec
             continue
         if path.exists() and read_json(path, "runs")["recordings"] == recordings:
             continue
+        if not any(one.path.glob("model.*")):
+            log.info("%s: left out, its weights are elsewhere", one.path)
+            continue
         log.info("%s: %d recordings a perturbation", one.path, recordings)
         metrics = instantiate_trusted(dict(one.config["metrics"]), str(one.path / CONFIG))
         data = TrainingData.of(one.path)

@@ -17,7 +17,7 @@ from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.files import read, write
 from clearance.recording.recording import Recording
-from tests.command_line import launch
+from tests.command_line import call, launch
 
 RPM = 3.141592653589793 / 30.0
 
@@ -163,20 +163,24 @@ def recordings(tmp_path_factory):
         (("recordings=[a.parquet,slow.parquet]",), "their rates differ"),
     ],
 )
-def test_wrong_inputs_are_one_line(recordings, wrong, words):
-    done = launch("diagnose", *wrong, folder=recordings)
-    assert done.returncode == 2
-    assert words in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+def test_wrong_inputs_are_one_line(monkeypatch, capfd, recordings, wrong, words):
+    monkeypatch.chdir(recordings)
+    code, said = call(monkeypatch, capfd, "diagnose", *wrong)
+    assert code == 2
+    assert words in said
+    assert len(said.strip().splitlines()) == 1
 
 
 @pytest.mark.parametrize("name", ["short", "short_of_a_third"])
-def test_a_recording_that_is_too_short_is_said_to_be_before_anything_is_done(recordings, name):
-    done = launch("diagnose", f"recordings={name}.parquet", folder=recordings)
-    assert done.returncode == 2
-    assert "rpm" not in done.stdout + done.stderr
-    assert "s are too short to follow" in done.stderr
-    assert "give 0.2 s or more" in done.stderr
+def test_a_recording_that_is_too_short_is_said_to_be_before_anything_is_done(
+    monkeypatch, capfd, recordings, name
+):
+    monkeypatch.chdir(recordings)
+    code, said = call(monkeypatch, capfd, "diagnose", f"recordings={name}.parquet")
+    assert code == 2
+    assert "s are too short to follow" in said
+    assert "give 0.2 s or more" in said
+    assert not list(recordings.glob("outputs/**/*.json"))
 
 
 def test_a_recording_of_another_machine_is_said_to_be_one(tmp_path):
