@@ -172,15 +172,12 @@ def test_wrong_inputs_are_one_line(monkeypatch, capfd, recordings, wrong, words)
 
 
 @pytest.mark.parametrize("name", ["short", "short_of_a_third"])
-def test_a_recording_that_is_too_short_is_said_to_be_before_anything_is_done(
-    monkeypatch, capfd, recordings, name
-):
-    monkeypatch.chdir(recordings)
-    code, said = call(monkeypatch, capfd, "diagnose", f"recordings={name}.parquet")
-    assert code == 2
-    assert "s are too short to follow" in said
-    assert "give 0.2 s or more" in said
-    assert not list(recordings.glob("outputs/**/*.json"))
+def test_a_recording_that_is_too_short_is_said_to_be_before_anything_is_done(recordings, name):
+    done = launch("diagnose", f"recordings={name}.parquet", folder=recordings)
+    assert done.returncode == 2
+    assert "rpm" not in done.stdout + done.stderr
+    assert "s are too short to follow" in done.stderr
+    assert "give 0.2 s or more" in done.stderr
 
 
 def test_a_recording_of_another_machine_is_said_to_be_one(tmp_path):

@@ -61,12 +61,14 @@ class Suggested:
         balanced: whether there is none to speak of.
         pairs: two effects that leave less than any alone, the best first.
         weak: the likeliest force without a name, where all of these leave much: impacts hide what is weak.
+        lacking: robust mean square of the imbalance, in units of its scatter.
     """
 
     forces: list[Balanced]
     balanced: bool
     pairs: list[Balanced] = field(default_factory=list)
     weak: Balanced | None = None
+    lacking: float = 0.0
 
 
 def suggest_forces(
@@ -116,7 +118,7 @@ def suggest_forces(
     more.sort(key=lambda one: one.price)
     some = [one for one in tables if one.cost < _SOME * before]
     weak = None if any(one.curve for one in found) else min(some, key=lambda one: one.price, default=None)
-    return Suggested(found, before < _BALANCED and not found, more, weak)
+    return Suggested(found, before < _BALANCED and not found, more, weak, before)
 
 
 def suggest_names(search: Search, machine: SliderCrank, clearance: float) -> list[Balanced]:

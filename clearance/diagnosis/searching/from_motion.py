@@ -8,7 +8,7 @@ import numpy as np
 from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
-from clearance.diagnosis.searching.balance import settle_in, suggest_forces
+from clearance.diagnosis.searching.balance import Suggested, settle_in, suggest_forces
 from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, SHARED
 from clearance.diagnosis.searching.elsewhere import begin_again
 from clearance.diagnosis.searching.everywhere import fit_from
@@ -26,8 +26,8 @@ _CLEARLY = 0.1  # of what any other leaves of the imbalance: that effect is ther
 _NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
 
 
-def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
-    """Fit effects that give the torque which the motion needs.
+def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[Balanced]:
+    """Fit effects that give the torque which the motion needs, ``most`` together.
 
     Returns:
         Two effects that give it together, the best first; see ``begin_pairs``.
@@ -49,6 +49,8 @@ def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
     # one variant of each effect, one argument of a force without a name
     known: dict[bool, list[set[str]]] = {True: [], False: []}
     for one in suggested.forces:
+        if len(one.hypotheses) > most:
+            continue
         names = {h.name for h in one.hypotheses} if one.curve is None else {one.label}
         alike = known[one.curve is None]
         if names in alike or len(alike) == _FITTED:
@@ -61,11 +63,11 @@ def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
         if explained(explanation.best) or nearly or search.late():
             break
         best = explanation.best
-        if best is nominal and _clear(one, suggested.forces):
+        if best is nominal and most > 1 and _clear(one, suggested):
             own = [p for p in suggested.pairs if any(same(h, one.hypotheses[0]) for h in p.hypotheses)]
             begin_pairs(search, explanation, own)
             if explanation.best is not nominal or search.late():
-                return suggested.pairs
+                return [p for p in suggested.pairs if not any(p is tried for tried in own)]
         named = bool(best.hypotheses) and unnamed(best.hypotheses) is None
         if one.curve is not None and named and best.misfit < SHARED * nominal.misfit:
             return suggested.pairs  # no table says more than a name does: it is one of two, or all there is
@@ -76,11 +78,11 @@ def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
     return suggested.pairs
 
 
-def _clear(one: Balanced, every: Sequence[Balanced]) -> bool:
+def _clear(one: Balanced, suggested: Suggested) -> bool:
     """Whether one effect gives nearly all that is needed, and no other one or table comes anywhere near."""
     name = one.hypotheses[0].name
-    others = [other.cost for other in every if all(h.name != name for h in other.hypotheses)]
-    return one.curve is None and one.cost < _CLEARLY * min(others, default=np.inf)
+    others = [o.cost for o in suggested.forces if all(h.name != name for h in o.hypotheses)]
+    return one.curve is None and one.cost < _CLEARLY * min([*others, suggested.lacking])
 
 
 def begin_pairs(search: Search, explanation: Explanation, pairs: Sequence[Balanced]) -> None:
@@ -127,7 +129,9 @@ def _other_variants(search: Search, explanation: Explanation, found: Attempt) ->
         place = after
     if explanation.best is best and not (explained(best) or search.late()):
         begin_again(search, explanation)
-    return best if explained(best) else explanation.best
+    names = [h.name for h in found.hypotheses]
+    every = [a for a in explanation.attempts if [h.name for h in a.hypotheses] == names]
+    return min([best, *every], key=lambda one: one.misfit)
 
 
 def begin_beside(search: Search, explanation: Explanation, base: Attempt) -> None:

@@ -136,7 +136,7 @@ def _search_all(
 
     def balance() -> None:
         if nominal.misfit >= NEARLY:
-            pushed.extend(begin_balanced(search, explanation))
+            pushed.extend(begin_balanced(search, explanation, most))
             best = explanation.best
             # a table that leaves little, or has another period by now, is more than what led its path
             table = unnamed(best.hypotheses) is not None
@@ -146,7 +146,7 @@ def _search_all(
 
     def balance_near() -> None:  # there a linear look at names is cheaper, and tables finer here than there
         if nominal.misfit < NEARLY and not settled(search, explanation, nominal):
-            pushed.extend(begin_balanced(search, explanation))
+            pushed.extend(begin_balanced(search, explanation, most))
 
     def plain() -> None:
         widen(search, explanation, nominal, prospects.plain)
@@ -193,7 +193,7 @@ def _search_all(
             built_on.append(base)
             if base is explanation.best:
                 enlarge(search, explanation)
-                if explanation.best is not base and not _enough(explanation):
+                if explanation.best is not base and not (_enough(explanation) or search.late()):
                     begin_again(search, explanation)  # the smaller variant may have torn the paths
                 if not explained(explanation.best):
                     reshape(search, explanation, explanation.best)

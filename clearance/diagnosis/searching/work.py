@@ -29,6 +29,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 
 _ITERATIONS = 12
 _COARSER = 200.0  # times an unknown's step: an edge moves here from sample to sample
+_STRAIGHT = 0.02  # of a change: up to which derivatives that foretold it hold on
 _SETTLED = 1e-3  # share by which the cost still falls
 _PRICE, _PRICE_OF_KNOT = 0.04, 0.01  # of what is left, for each size of an effect and each knot of a table
 _UNNAMED = 1.5  # times as much: a spline says nearly all that two names do
@@ -127,7 +128,7 @@ class Balance:
             path = reconstruct(measured, machine.parameters(), loose(machine), known.speed, known.angle)
             self.turnings.append(Turning.along(path, machine, measured))
         self.beyond = [beyond_ideal(machine, turning) for turning in self.turnings]
-        left, offsets, _ = self._left((), np.zeros(0))
+        left, offsets = self._left((), np.zeros(0))
         left = left - offsets @ np.linalg.lstsq(offsets, left, rcond=None)[0]
         ends = np.cumsum([len(part) for part in self.beyond])[:-1]
         self.scatter = scatter_of(np.split(left, ends))
@@ -138,7 +139,7 @@ class Balance:
         for turning in self.turnings:
             inertia, acceleration = answer(machine, turning)
             self.beyond.append(binned(inertia * (acceleration - turning.acceleration)))
-        left, offsets, _ = self._left((), np.zeros(0))
+        left, offsets = self._left((), np.zeros(0))
         left = left - offsets @ np.linalg.lstsq(offsets, left, rcond=None)[0]
         self.scatter = max(_BLURRED * float(np.sqrt(np.mean(left**2))), 1e-9)
 
@@ -186,7 +187,7 @@ class Balance:
 
     def rhythms(self, most: float) -> "list[Balanced]":
         """Likewise of forces over time that repeat by a clock of their own."""
-        left, offsets, _ = self._left((), np.zeros(0))
+        left, offsets = self._left((), np.zeros(0))
         ends = np.cumsum([len(part) for part in self.beyond])[:-1]
         parts = list(zip(np.split(left, ends), np.split(offsets, ends), self.turnings, strict=True))
         found = []
@@ -256,54 +257,43 @@ class Balance:
 
         Raises:
             InputError: a law does not take the values.
+            LinAlgError: torques that are not finite.
         """
         unknowns = [u for h in hypotheses for u in h.unknowns]
         low, high = np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
         free = [i for i, u in enumerate(unknowns) if u.low < u.high]
         best, cost, share = values.astype(float), np.inf, 1.0
-        trial = best
+        trial, before, fresh = best, np.zeros(0), True
+        steps, change = np.zeros((0, len(free))), np.zeros(len(best))
         for _ in range(_ITERATIONS):
-            left, offsets, steps = self._left(hypotheses, trial)
-            columns = np.column_stack([*(steps[i] for i in free), offsets])
+            left, offsets = self._left(hypotheses, trial)
             # what the drive is asked for is found anew at once
             now = cost_of(left - offsets @ regressed(offsets, left, self.scatter), self.scatter)
             if now < cost:
                 settled = cost - now < _SETTLED * now
-                best, cost = trial, now
-                change = np.zeros(len(best))
-                change[free] = regressed(columns, left, self.scatter)[: len(free)]
+                fresh = not len(steps) or _bent(left - before, -steps @ (trial - best)[free])
+                best, cost, before, share = trial, now, left, 1.0
                 if settled or not free:
                     break
-                share = 1.0
-            else:
+            elif fresh:
                 share *= 0.3
+            else:  # derivatives of another place led astray
+                fresh, share = True, 1.0
+            if share == 1.0:
+                steps = self._steps(hypotheses, best, free) if fresh else steps
+                columns = np.column_stack([steps, offsets])
+                change[free] = regressed(columns, before, self.scatter)[: len(free)]
             trial = np.clip(best + share * change, low, high)
         return Balanced(hypotheses, best, cost, self.clearance)
 
-    def _left(
-        self, hypotheses: Sequence[Hypothesis], values: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-        """Torque needed minus torque given, and its derivatives.
+    def _left(self, hypotheses: Sequence[Hypothesis], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Torque needed minus torque given, and what it may be off by.
 
         Returns:
             (bins of all recordings,) [N m]; (bins, offsets) torques by which the drive of each recording may
-            be off, since nobody knows what it is asked for; (unknowns) times (bins,) by the values, negative.
+            be off, since nobody knows what it is asked for.
         """
-        model = self.setting.model(hypotheses)
-        asked = [float(np.mean(turning.speed)) * 30.0 / pi for turning in self.turnings]
-        if not any(hypothesis.name == DRIVE for hypothesis in hypotheses):
-            asked = asked[:1]  # what another speed asks for is one of the offsets
-
-        def given(values: np.ndarray) -> tuple[np.ndarray, list[Drive]]:
-            machines = [model.machine(np.concatenate([[self.clearance], values, [one]])) for one in asked]
-            machines *= len(self.turnings) // len(machines)
-            parts = []
-            for machine, turning in zip(machines, self.turnings, strict=True):
-                inertia, acceleration = answer(machine, turning)
-                parts.append(binned(inertia * (acceleration - turning.acceleration)))
-            return np.concatenate(parts), [machine.drive for machine in machines]
-
-        torque, drives = given(values)
+        torque, drives = self._given(hypotheses, values)
         offsets = []
         begin = 0
         for turning, drive in zip(self.turnings, drives, strict=True):
@@ -314,11 +304,34 @@ class Balance:
                 column[begin : begin + len(one)] = one
                 offsets.append(column)
             begin += len(time)
-        steps = []
-        for i in range(len(values)):
+        return np.concatenate(self.beyond) - torque, np.array(offsets).reshape(-1, len(torque)).T
+
+    def _steps(self, hypotheses: Sequence[Hypothesis], values: np.ndarray, free: Sequence[int]) -> np.ndarray:
+        """(bins, free values) derivatives of the torque that is given."""
+        unknowns = [u for h in hypotheses for u in h.unknowns]
+        torque, steps = self._given(hypotheses, values)[0], []
+        for i in free:
             moved = values.copy()
-            unknown = model.unknowns[i + 1]
-            step = _COARSER * unknown.step
-            moved[i] += step if moved[i] + step <= unknown.high else -step
-            steps.append((given(moved)[0] - torque) / (moved[i] - values[i]))
-        return np.concatenate(self.beyond) - torque, np.array(offsets).reshape(-1, len(torque)).T, steps
+            step = _COARSER * unknowns[i].step
+            moved[i] += step if moved[i] + step <= unknowns[i].high else -step
+            steps.append((self._given(hypotheses, moved)[0] - torque) / (moved[i] - values[i]))
+        return np.column_stack(steps)
+
+    def _given(self, hypotheses: Sequence[Hypothesis], values: np.ndarray) -> tuple[np.ndarray, list[Drive]]:
+        """(bins of all recordings,) torque that a machine with effects gives [N m], and the drive of each."""
+        model = self.setting.model(hypotheses)
+        asked = [float(np.mean(turning.speed)) * 30.0 / pi for turning in self.turnings]
+        if not any(hypothesis.name == DRIVE for hypothesis in hypotheses):
+            asked = asked[:1]  # what another speed asks for is one of the offsets
+        machines = [model.machine(np.concatenate([[self.clearance], values, [one]])) for one in asked]
+        machines *= len(self.turnings) // len(machines)
+        parts = []
+        for machine, turning in zip(machines, self.turnings, strict=True):
+            inertia, acceleration = answer(machine, turning)
+            parts.append(binned(inertia * (acceleration - turning.acceleration)))
+        return np.concatenate(parts), [machine.drive for machine in machines]
+
+
+def _bent(change: np.ndarray, expected: np.ndarray) -> bool:
+    """Whether torques changed otherwise than derivatives say; most are straight in what is looked for."""
+    return bool(np.linalg.norm(change - expected) > _STRAIGHT * np.linalg.norm(change))

@@ -6,7 +6,7 @@ from scipy.signal import savgol_filter
 ENCODER_COUNTS = 4096
 """Counts of a turn where a recording shows none and nothing else is declared."""
 _ARC = 0.125  # of a turn, over which the angle is smoothed: long beside a count, short beside what shakes it
-_LEAST = 21  # samples of it at least
+_LEAST = 21  # samples of it at least, over which no crank does anything but turn
 _BLOCKS = (4, 16, 64, 256, 1024)  # samples over which rounding errors are followed
 
 
@@ -32,7 +32,8 @@ def rounding_noise(angle: np.ndarray, counts: int) -> float:
     sample. Near a whole number of counts they stand still for many samples, and all these are worth one. Of a
     crank that begins anywhere within a count, two errors whose angles are ``d`` counts apart have the
     covariance (1/12 - f (1 - f) / 2) counts squared, f being the fraction of ``d``: the second Bernoulli
-    polynomial. Summed over a block this tells how far off its mean is; the block that is worst counts.
+    polynomial. Summed over blocks this tells how far off their means are; the length of block at which they
+    are worst counts. An angle that scatters by more than rounding would is as noisy as it scatters.
 
     Args:
         angle: (samples,) unwrapped, in whole counts [rad].
@@ -44,10 +45,10 @@ def rounding_noise(angle: np.ndarray, counts: int) -> float:
     """
     count = 2.0 * np.pi / counts
     each = count / np.sqrt(12.0)
+    if len(angle) < _LEAST:
+        return float(each)
     turn = 2.0 * np.pi * (len(angle) - 1) / max(abs(angle[-1] - angle[0]), count)
     window = int(np.clip(_ARC * turn, _LEAST, max(len(angle) // 4, 5))) // 2 * 2 + 1
-    if window > len(angle):
-        return float(each)
     places = savgol_filter(angle / count, window, 3)
     worst = 1.0
     for length in _BLOCKS:
@@ -59,4 +60,5 @@ def rounding_noise(angle: np.ndarray, counts: int) -> float:
             fraction = np.mod(block[:, None] - block, 1.0)
             shares.append(length * (1.0 - 6.0 * fraction * (1.0 - fraction)).mean())
         worst = max(worst, float(np.mean(shares)))
-    return float(each * np.sqrt(worst))
+    scatter = np.std(angle / count - savgol_filter(angle / count, _LEAST, 3))
+    return float(max(each * np.sqrt(worst), count * scatter))

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.kinematics.agreement import aligned
+from clearance.diagnosis.kinematics.regression import regressed
 from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching.balance import find_clock, settle_in, suggest_forces, suggest_names
 from clearance.diagnosis.searching.search import Search
@@ -222,3 +224,31 @@ def test_a_force_without_a_name_is_a_table_and_what_is_inside_a_joint_does_no_wo
     assert place.cost < 0.5 * before
     stiffness = balance.best(search.groups["contact_stiffness(stiffness_scale)"])
     assert stiffness.cost == pytest.approx(before, rel=1e-6)
+
+
+@pytest.mark.parametrize(("amplitude", "apart"), [(-10.0, 0.002), (-100.0, 2e-4), (3.0, 0.4)])
+def test_derivatives_of_another_place_do_not_stall_the_fit(amplitude, apart):
+    # The phase of a sine is nearly known, its size is not: from size 1 the phase's slope has the wrong sign.
+    angle = np.linspace(0.0, 40.0, 800)
+    truth = amplitude * np.sin(angle + apart) + 0.05 * np.random.default_rng(2).normal(size=800)
+    balance = object.__new__(Balance)
+    balance.scatter, balance.clearance = 0.05, 3e-4
+
+    def left(hypotheses, values):
+        return truth - values[0] * np.sin(angle + values[1]), np.ones((800, 1))
+
+    def steps(hypotheses, values, free):
+        sine, cosine = np.sin(angle + values[1]), values[0] * np.cos(angle + values[1])
+        return np.column_stack([sine, cosine])[:, free]
+
+    balance._left, balance._steps = left, steps
+    unknowns = tuple(SimpleNamespace(low=-1e3, high=1e3) for _ in range(2))
+    found = balance.fit((SimpleNamespace(unknowns=unknowns),), np.array([1.0, 0.0]))
+    assert found.values == pytest.approx([amplitude, apart], abs=0.02)
+    assert found.cost < 1.0
+
+
+def test_torques_that_are_not_finite_are_an_error_that_callers_expect():
+    with pytest.raises(np.linalg.LinAlgError):
+        regressed(np.ones((10, 1)), np.full(10, np.nan), 1.0)
+    assert regressed(np.ones((10, 0)), np.ones(10), 1.0).shape == (0,)

@@ -109,7 +109,7 @@ def test_a_table_that_is_not_followed_is_tried_with_fewer_knots(monkeypatch, fol
         setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext(),
         profile=SimpleNamespace(best=3e-4),
     )  # fmt: skip
-    begin_balanced(search, Explanation(attempt([], 1000.0)))
+    begin_balanced(search, Explanation(attempt([], 1000.0)), 2)
     assert tried == expected
     assert refined == [follows] * (follows > 0)
 
@@ -139,12 +139,14 @@ def test_no_second_table_is_followed_where_none_says_more_than_a_name_that_does_
         setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext(),
         profile=SimpleNamespace(best=3e-4),
     )  # fmt: skip
-    begin_balanced(search, Explanation(attempt([], 100.0)))
+    begin_balanced(search, Explanation(attempt([], 100.0)), 2)
     assert tried == ["process_load", *["free_form"] * tables]
 
 
-@pytest.mark.parametrize("other", [3.0, 0.5])
-def test_what_alone_gives_nearly_all_and_is_not_followed_is_one_of_two(monkeypatch, other):
+@pytest.mark.parametrize(
+    ("other", "lacking", "most"), [(3.0, 5.0, 2), (0.5, 5.0, 2), (3.0, 0.5, 2), (3.0, 5.0, 1)]
+)
+def test_what_alone_gives_nearly_all_and_is_not_followed_is_one_of_two(monkeypatch, other, lacking, most):
     def single(name, cost):
         hypothesis = SimpleNamespace(name=name, label=name, body="crank", channel=None)
         return Balanced((hypothesis,), np.ones(1), cost, 3e-4)
@@ -158,7 +160,7 @@ def test_what_alone_gives_nearly_all_and_is_not_followed_is_one_of_two(monkeypat
     drive, friction = single("soft_drive", 0.1), single("guide_friction", 2.0)
     both = Balanced((*drive.hypotheses, *friction.hypotheses), np.ones(2), 0.09, 3e-4)
     forces = [drive, single("torque_ripple", other), single("rod_inertia", 4.0)]
-    suggested = Suggested(forces, balanced=False, pairs=[both])
+    suggested = Suggested(forces, balanced=False, pairs=[both], lacking=lacking)
     monkeypatch.setattr(from_motion, "suggest_forces", lambda *_: suggested)
     monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
     monkeypatch.setattr(from_motion, "fit_from", fit)
@@ -166,10 +168,11 @@ def test_what_alone_gives_nearly_all_and_is_not_followed_is_one_of_two(monkeypat
         setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext(),
         profile=SimpleNamespace(best=3e-4),
     )  # fmt: skip
-    begin_balanced(search, Explanation(attempt([], 100.0)))
+    begin_balanced(search, Explanation(attempt([], 100.0)), most)
     assert tried[0] == ["soft_drive"]
-    assert (["soft_drive", "guide_friction"] in tried[1:2]) == (other == 3.0)
-    assert len(tried) == (4 if other == 3.0 else 3)
+    first = (other, lacking, most) == (3.0, 5.0, 2)
+    assert (tried[1] == ["soft_drive", "guide_friction"]) == first
+    assert len(tried) == 3 + first
 
 
 def test_of_two_that_follow_nearly_each_is_tried_in_its_other_variants(monkeypatch):

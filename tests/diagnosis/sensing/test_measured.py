@@ -86,6 +86,10 @@ def test_an_encoder_has_at_least_the_noise_of_its_counts():
     least = count / np.sqrt(12.0)
     assert noise_level(angle, Signal.CRANK_ANGLE) == pytest.approx(least)
     assert noise_level(np.round(angle / count) * count, Signal.CRANK_ANGLE) >= least
+    still = np.round(4.004 * np.arange(3000)) * count  # its errors stand still for many samples
+    assert noise_level(still, Signal.CRANK_ANGLE) > 3.0 * least
+    jitter = np.round(5.577 * np.arange(3000) + np.random.default_rng(5).normal(size=3000)) * count
+    assert noise_level(jitter, Signal.CRANK_ANGLE) == pytest.approx(np.hypot(count, least), rel=0.15)
     noisy = angle + 10.0 * count * np.random.default_rng(6).normal(size=3000)
     assert noise_level(noisy, Signal.CRANK_ANGLE) == pytest.approx(10.0 * count, rel=0.15)
 
