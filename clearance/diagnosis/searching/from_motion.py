@@ -62,12 +62,12 @@ def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[
         nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
         if explained(explanation.best) or nearly or search.late():
             break
-        best = explanation.best
-        if best is nominal and most > 1 and _clear(one, suggested):
+        if most > 1 and _clear(one, suggested):
             own = [p for p in suggested.pairs if any(same(h, one.hypotheses[0]) for h in p.hypotheses)]
             begin_pairs(search, explanation, own)
             if explanation.best is not nominal or search.late():
                 return [p for p in suggested.pairs if not any(p is tried for tried in own)]
+        best = explanation.best
         named = bool(best.hypotheses) and unnamed(best.hypotheses) is None
         if one.curve is not None and named and best.misfit < SHARED * nominal.misfit:
             return suggested.pairs  # no table says more than a name does: it is one of two, or all there is

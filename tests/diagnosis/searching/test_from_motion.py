@@ -146,7 +146,7 @@ def test_no_second_table_is_followed_where_none_says_more_than_a_name_that_does_
 @pytest.mark.parametrize(
     ("other", "lacking", "most"), [(3.0, 5.0, 2), (0.5, 5.0, 2), (3.0, 0.5, 2), (3.0, 5.0, 1)]
 )
-def test_what_alone_gives_nearly_all_and_is_not_followed_is_one_of_two(monkeypatch, other, lacking, most):
+def test_what_alone_gives_nearly_all_and_does_not_explain_is_one_of_two(monkeypatch, other, lacking, most):
     def single(name, cost):
         hypothesis = SimpleNamespace(name=name, label=name, body="crank", channel=None)
         return Balanced((hypothesis,), np.ones(1), cost, 3e-4)
