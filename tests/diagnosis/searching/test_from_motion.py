@@ -20,6 +20,18 @@ def pair(*names):
     return Balanced(hypotheses, np.ones(len(names)), 2.0, 3e-4)
 
 
+def follow(monkeypatch, suggested, fit, misfit, most):
+    """Let a search beside a nominal machine with a misfit follow what the balance of work suggests."""
+    monkeypatch.setattr(from_motion, "suggest_forces", lambda *_: suggested)
+    monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
+    monkeypatch.setattr(from_motion, "fit_from", fit)
+    search = SimpleNamespace(
+        setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext(),
+        profile=SimpleNamespace(best=3e-4),
+    )  # fmt: skip
+    begin_balanced(search, Explanation(attempt([], misfit)), most)
+
+
 PAIRS = [
     pair("slider_spring", "soft_drive"),
     pair("soft_drive", "slider_spring"),  # the same two
@@ -101,15 +113,8 @@ def test_a_table_that_is_not_followed_is_tried_with_fewer_knots(monkeypatch, fol
     tried, refined = [], []
     one = table(12, table(6))
     suggested = Suggested([] if weak else [one], balanced=False, weak=one if weak else None)
-    monkeypatch.setattr(from_motion, "suggest_forces", lambda *_: suggested)
-    monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
-    monkeypatch.setattr(from_motion, "fit_from", fit)
     monkeypatch.setattr(from_motion, "refine_table", lambda *given: refined.append(len(given[2].knots)))
-    search = SimpleNamespace(
-        setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext(),
-        profile=SimpleNamespace(best=3e-4),
-    )  # fmt: skip
-    begin_balanced(search, Explanation(attempt([], 1000.0)), 2)
+    follow(monkeypatch, suggested, fit, 1000.0, 2)
     assert tried == expected
     assert refined == [follows] * (follows > 0)
 
@@ -132,14 +137,7 @@ def test_no_second_table_is_followed_where_none_says_more_than_a_name_that_does_
 
     tried = []
     forces = [pair("process_load"), table("slider_position"), table("crank_angle")]
-    monkeypatch.setattr(from_motion, "suggest_forces", lambda *_: Suggested(forces, balanced=False))
-    monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
-    monkeypatch.setattr(from_motion, "fit_from", fit)
-    search = SimpleNamespace(
-        setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext(),
-        profile=SimpleNamespace(best=3e-4),
-    )  # fmt: skip
-    begin_balanced(search, Explanation(attempt([], 100.0)), 2)
+    follow(monkeypatch, Suggested(forces, balanced=False), fit, 100.0, 2)
     assert tried == ["process_load", *["free_form"] * tables]
 
 
@@ -161,14 +159,7 @@ def test_what_alone_gives_nearly_all_and_does_not_explain_is_one_of_two(monkeypa
     both = Balanced((*drive.hypotheses, *friction.hypotheses), np.ones(2), 0.09, 3e-4)
     forces = [drive, single("torque_ripple", other), single("rod_inertia", 4.0)]
     suggested = Suggested(forces, balanced=False, pairs=[both], lacking=lacking)
-    monkeypatch.setattr(from_motion, "suggest_forces", lambda *_: suggested)
-    monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
-    monkeypatch.setattr(from_motion, "fit_from", fit)
-    search = SimpleNamespace(
-        setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext(),
-        profile=SimpleNamespace(best=3e-4),
-    )  # fmt: skip
-    begin_balanced(search, Explanation(attempt([], 100.0)), most)
+    follow(monkeypatch, suggested, fit, 100.0, most)
     assert tried[0] == ["soft_drive"]
     first = (other, lacking, most) == (3.0, 5.0, 2)
     assert (tried[1] == ["soft_drive", "guide_friction"]) == first
