@@ -27,7 +27,12 @@ CLOSEST = float(-np.log(1.0 - ECCENTRICITY_LIMIT**2))
 FREE_FORM = "free_form"
 """Name of the hypothesis that is no named effect."""
 
-ARGUMENTS = ("crank_angle", "slider_position", "slider_velocity", "contact_force", "time")
+ARGUMENTS = ("crank_angle", "rod_angle", "slider_position", "slider_velocity", "contact_force", "time")
+
+
+def arguments_of(body: str) -> tuple[str, ...]:
+    """What a force on a body may be a function of; how the rod is turned is the place of the rod alone."""
+    return tuple(one for one in ARGUMENTS if one != "rod_angle" or body == "rod")
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clearance.diagnosis.hypotheses.free_form import ARGUMENTS, Curve, contact_force_of, curve_over
+from clearance.diagnosis.hypotheses.free_form import (
+    ARGUMENTS,
+    Curve,
+    arguments_of,
+    contact_force_of,
+    curve_over,
+)
 from clearance.diagnosis.kinematics.regression import cost_of, regressed
+from clearance.diagnosis.kinematics.turning import tilt
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.diagnosis.shooting.stretch import INPUTS, Comparison, Pass
@@ -50,13 +57,18 @@ class Seen:
 
 
 def observe_forces(
-    passes: Sequence[Pass], inputs: Sequence[np.ndarray], joint: str, recordings: Sequence[Measured]
+    passes: Sequence[Pass],
+    inputs: Sequence[np.ndarray],
+    machine: SliderCrank,
+    joint: str,
+    recordings: Sequence[Measured],
 ) -> Seen:
     """Gather the unknown forces and what they may depend on.
 
     Args:
         passes: of a fit with unknown forces.
         inputs: (segments, inputs) of each [N m, N m, N].
+        machine: of the fit.
         joint: whose contact force counts.
         recordings: the stretches.
     """
@@ -64,16 +76,22 @@ def observe_forces(
     rows = [one[inner] for one in inputs]
     neighbours = np.concatenate([np.diff(one, axis=0) for one in rows])
     scatter = np.maximum(1.4826 / np.sqrt(2.0) * np.median(np.abs(neighbours), axis=0), 1e-9)
-    found = [arguments_along(one, joint, own) for one, own in zip(passes, recordings, strict=True)]
+    found = [arguments_along(one, machine, joint, own) for one, own in zip(passes, recordings, strict=True)]
     gathered = {name: np.concatenate([one[name] for one in found]) for name in ARGUMENTS}
     return Seen(np.concatenate(rows) / scatter, scatter, gathered)
 
 
-def arguments_along(one: Comparison, joint: str, measured: Measured) -> dict[str, np.ndarray]:
-    """(segments,) values of each argument in the middle of a path's segments, its ends left out."""
+def arguments_along(
+    one: Comparison, machine: SliderCrank, joint: str, measured: Measured
+) -> dict[str, np.ndarray]:
+    """(segments,) values of each argument in the middle of a path's segments, its ends left out.
+
+    The rod's angle is that of ideal joints: a clearance turns it by thousandths of a radian.
+    """
     signals = one.signals[EDGE:-EDGE, one.signals.shape[1] // 2]
     return {
         "crank_angle": signals[:, Signal.CRANK_ANGLE] % (2.0 * np.pi),
+        "rod_angle": tilt(machine, signals[:, Signal.CRANK_ANGLE]),
         "slider_position": signals[:, Signal.SLIDER_POSITION],
         "slider_velocity": signals[:, Signal.SLIDER_VELOCITY],
         "contact_force": one.contacts[EDGE:-EDGE, :, 1 if joint == "B" else 3].mean(axis=1),
@@ -184,7 +202,7 @@ def curves(seen: Seen, pattern: np.ndarray, joint: str, sizes: np.ndarray) -> li
     found = []
     count, places = len(seen.forces), directions(joint)
     for d, (body, direction) in enumerate(places):
-        for argument in ARGUMENTS:
+        for argument in arguments_of(body):
             values = seen.arguments[argument]
             curve = curve_over(values, body, direction, argument)
             line = argument == "contact_force"
@@ -223,7 +241,11 @@ def as_function_of(force: np.ndarray, values: np.ndarray, curve: Curve) -> tuple
 
 
 def effect_as_curves(
-    passes: Sequence[Pass], followers: Sequence[Follower], place: tuple[str, str], joint: str
+    passes: Sequence[Pass],
+    followers: Sequence[Follower],
+    machine: SliderCrank,
+    place: tuple[str, str],
+    joint: str,
 ) -> list[Curve]:
     """What an effect does on one body in one direction, as curves of the arguments that can say it.
 
@@ -231,6 +253,7 @@ def effect_as_curves(
         passes: of the machine without the effect, beside paths of the one with it; their only column is the
             machine with it.
         followers: of each.
+        machine: with the effect.
         place: body and direction, one of ``PLACES``.
         joint: whose contact force counts.
 
@@ -243,11 +266,13 @@ def effect_as_curves(
         for one, follower in zip(passes, followers, strict=True)
     ])  # fmt: skip
     each = [
-        arguments_along(one, joint, follower.measured)
+        arguments_along(one, machine, joint, follower.measured)
         for one, follower in zip(passes, followers, strict=True)
     ]
     found = []
-    for argument in (one for one in ARGUMENTS if one != "time"):  # what a machine does knows no clock
+    for argument in (
+        one for one in arguments_of(place[0]) if one != "time"
+    ):  # what a machine does knows no clock
         values = np.concatenate([one[argument] for one in each])
         curve, left = as_function_of(force, values, curve_over(values, *place, argument))
         if left < _HALF:

@@ -40,7 +40,9 @@ from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import peak_memory
 
 METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
-_JUDGING = 0.2  # of the time limit: as long lost paths are looked for in recordings that were held out
+_SEARCH, _SOUGHT = 0.8, 0.9
+"""Of the time limit, after which nothing new is tried, and no lost path looked for in what was held out."""
+_PATIENCE = 0.2  # of it, after which none is looked for however early that began
 Found = TypeVar("Found")
 
 
@@ -87,7 +89,7 @@ def diagnose(
         most: effects at once.
         report: called with progress.
         keep: called after each stage with what was found so far.
-        time_limit: after which nothing new is tried [s].
+        time_limit: for all of it, judging included [s].
         finished: folder in which fits are kept for another run on the same recordings.
         simulations: of the refitted nominal machine, by which to tell how unusual the recordings are.
 
@@ -97,35 +99,32 @@ def diagnose(
     for one in (*recordings, *held_out):
         check_length(one)
     started, searching = time.monotonic(), True
+    deadline = started + _SEARCH * time_limit
 
     def say(message: str) -> None:
-        elapsed = time.monotonic() - started
-        left = (
-            f", at most {max(time_limit - elapsed, 0.0):.0f} left"
-            if searching and time_limit < np.inf
-            else ""
-        )
-        report(f"[{elapsed:.0f} s{left}] {message}")
+        now = time.monotonic()
+        left = f", at most {max(deadline - now, 0.0):.0f} left" if searching and deadline < np.inf else ""
+        report(f"[{now - started:.0f} s{left}] {message}")
 
     search, explanation, joints = locate_joint(
-        recordings, settings, effects, speed_range, workers, say, started + time_limit, finished
+        recordings, settings, effects, speed_range, workers, say, deadline, finished
     )
     setting, joint = search.setting, search.setting.joint
     keep(explanation)
-    patience = _JUDGING * time_limit
+    patience = _PATIENCE * time_limit
     try:
         find_explanation(search, explanation, most, keep)
     except KeyboardInterrupt:
         search.stopped, patience = "it was interrupted", 0.0
         say("interrupted: what was found so far is judged and written; once more ends it at once")
-    searching = False  # what comes now takes a minute or two
+    searching = False  # what comes now takes a minute at most as a rule
     if explanation.rails is not None and not explained(explanation.best):
         explanation.shown = between_rails(search, explanation.rails)
     if simulations:
         _calibrate(search, explanation, simulations)
     ask(search, explanation)
     search.report("judging on held-out recordings")
-    search.patient_until = time.monotonic() + patience
+    search.patient_until = min(time.monotonic() + patience, started + _SOUGHT * time_limit)
     judged = judge(held_out, search, explanation)
     best, nominal, after = explanation.best, explanation.nominal, judged.after
     fit = _fit_numbers(judged.errors_before, judged.errors_after)

@@ -18,6 +18,7 @@ _ALONG = 4  # points from knot to knot at which a spline is given
 _WORSE = 1.02  # and ratio of their levels
 _UNITS = {
     "crank_angle": "rad",
+    "rod_angle": "rad",
     "slider_position": "m",
     "slider_velocity": "m/s",
     "time": "s",

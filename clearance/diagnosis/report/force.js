@@ -66,7 +66,7 @@ function freeForm() {
   const table = list(curve.table).filter((pair) => list(pair).length === 2);
   if (table.length < 2) return;
   const argument = curve.argument ? words(curve.argument) : "its argument";
-  const unit = { x: curve.argument_unit ?? { slider_position: "m", slider_velocity: "m/s", crank_angle: "°", crank_speed: "rad/s", contact_force: "N", time: "s" }[curve.argument] ?? "", y: curve.unit ?? (isTurning(curve.direction) ? "N m" : "N") };
+  const unit = { x: curve.argument_unit ?? { slider_position: "m", slider_velocity: "m/s", crank_angle: "°", rod_angle: "rad", crank_speed: "rad/s", contact_force: "N", time: "s" }[curve.argument] ?? "", y: curve.unit ?? (isTurning(curve.direction) ? "N m" : "N") };
   const resists = unit.y === "N s/m"; // of what fills a gap: force over the journal's velocity
   const what = resists ? `damping in ${BODIES[curve.body] ?? words(curve.body)}` : acting(curve);
   const block = section("curve", "The missing force as a curve", `No law is assumed: the ${what} against ${argument}, as the recordings have it.`);

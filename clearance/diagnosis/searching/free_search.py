@@ -104,7 +104,9 @@ def suggest_curve(search: Search, base: Attempt) -> tuple[list[Curve], float]:
     # one recording at one speed cannot tell a function of the angle from one of the velocity; all may
     model = search.setting.model([free_form(best.curve, search.setting.joint)])
     path = settle([best.follower], model, best.values[None], 0).passes[0]
-    arguments = arguments_along(path, search.setting.joint, best.follower.measured)
+    arguments = arguments_along(
+        path, model.machine(best.values), search.setting.joint, best.follower.measured
+    )
     force = along(best.curve, arguments[best.curve.argument])
     ranked = []
     for other in each[best.curve.body, best.curve.direction]:
@@ -244,8 +246,8 @@ def reshape(search: Search, explanation: Explanation, best: Attempt) -> None:
     passes = []
     for follower, row in zip(best.followers, best.fit.values, strict=True):
         passes.append(follower.look(nominal.machine(row[[0, -1]]), [best.model.machine(row)]))
-    joint = search.setting.joint
-    for curve in effect_as_curves(passes, best.followers, place, joint)[:_FITTED]:
+    machine, joint = best.model.machine(best.fit.values[0]), search.setting.joint
+    for curve in effect_as_curves(passes, best.followers, machine, place, joint)[:_FITTED]:
         hypothesis = free_form(curve, joint)
         values = np.array([[row[0], *curve.forces, row[-1]] for row in best.fit.values])
         search.report(f"  in its place, a function of {curve.argument}")

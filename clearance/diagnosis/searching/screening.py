@@ -180,7 +180,9 @@ def shapes(
 
     with ThreadPoolExecutor(workers) as pool:
         followers, passes, inputs = zip(*pool.map(look, range(len(attempt.followers))), strict=True)
-    seen = observe_forces(passes, inputs, joint, [f.measured for f in followers])
+    seen = observe_forces(
+        passes, inputs, attempt.model.machine(attempt.fit.values[0]), joint, [f.measured for f in followers]
+    )  # fmt: skip
     pattern = patterns(passes, [f.input_sigma for f in followers], slice(0, None), seen.scatter)
     return curves(seen, pattern, joint, np.append(force * sizes, sizes))
 

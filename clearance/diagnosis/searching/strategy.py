@@ -109,7 +109,7 @@ def _search_all(
     nominal = explanation.nominal
     prospects = look(search, explanation, nominal)
     built_on: list[Attempt] = []
-    explored = False
+    explored = curved = False
     waiting: list[Curve] = []
     pushed: list[Balanced] = []
     suspicious = cache(lambda: suggest_channels(search))
@@ -224,8 +224,10 @@ def _search_all(
         build_on(_PART if unnamed(explanation.best.hypotheses) is not None else SHARED)
 
     def curve() -> None:
-        if settled(search, explanation, nominal):
+        nonlocal curved
+        if curved or settled(search, explanation, nominal):
             return
+        curved = True
         found, misfit = suggest_curve(search, nominal)
         if found:
             explanation.suspected = Suspected(found[0].body, found[0].direction, misfit)
@@ -233,6 +235,10 @@ def _search_all(
             fit_curve(search, explanation, found)
         else:
             waiting.extend(found)
+
+    def curve_near() -> None:  # there a linear look has judged names, and one recording tells curves apart
+        if nominal.misfit < NEARLY and not _in_part(explanation, _named(explanation), nominal, _PART):
+            curve()
 
     def elsewhere() -> None:
         nonlocal explored  # beside the nominal machine, or beside a part, which falls away where it is none
@@ -261,9 +267,10 @@ def _search_all(
             begin_again(search, explanation)
 
     steps = (
-        frame, build_on, cushion, clock, sensor, build_on, balance, lead, plain, motion, build_on,
-        together, build_on, balance_near, inside, likely, build_on, reshaped, unlikely, build_on, curve,
-        elsewhere, build_on, share, unlikely_faults, build_on, pair, build_on, other_curve, again, build_on,
+        frame, build_on, cushion, clock, sensor, build_on, balance, lead, plain, curve_near, motion,
+        build_on, together, build_on, balance_near, inside, likely, build_on, reshaped, unlikely, build_on,
+        curve, elsewhere, build_on, share, unlikely_faults, build_on, pair, build_on, other_curve, again,
+        build_on,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):

@@ -19,7 +19,7 @@ from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.diagnosis.kinematics.regression import cost_of, regressed, scatter_of
 from clearance.diagnosis.kinematics.rhythm import Needed, Rhythm, find_rhythm
 from clearance.diagnosis.kinematics.rigid_motion import counts
-from clearance.diagnosis.kinematics.turning import Turning, answer, binned
+from clearance.diagnosis.kinematics.turning import Turning, answer, binned, tilt
 from clearance.diagnosis.searching.edges import EDGED
 from clearance.diagnosis.searching.search import Search
 from clearance.errors import InputError
@@ -43,7 +43,7 @@ _EDGES = 9  # places along the stroke where it may begin or end
 _TABLES = {
     ("slider", "x"): ("slider_position", "slider_velocity", "crank_angle"),
     ("crank", "torque"): ("crank_angle",),
-    ("rod", "moment"): ("crank_angle",),
+    ("rod", "moment"): ("rod_angle", "crank_angle"),
 }
 """Where forces of free form are looked for, as functions of what; over time in ``rhythms``."""
 _CLOCKED = (("slider", "x"), ("crank", "torque"))
@@ -176,6 +176,9 @@ class Balance:
         """The cheapest force of free form over each argument, of those that cost less than ``most``."""
         arguments = {
             "crank_angle": np.concatenate([turning.angle % (2.0 * pi) for turning in self.turnings]),
+            "rod_angle": np.concatenate(
+                [tilt(self.setting.machine, turning.angle) for turning in self.turnings]
+            ),
             "slider_position": np.concatenate([turning.place for turning in self.turnings]),
             "slider_velocity": np.concatenate([turning.slide * turning.speed for turning in self.turnings]),
         }

@@ -216,18 +216,22 @@ def fruitless(monkeypatch):
     return strategy
 
 
-@pytest.mark.parametrize(("misfit", "first"), [(10.0, True), (2.5, False)])
-def test_the_balance_of_work_is_asked_first_beside_a_far_path_and_after_plain_names_beside_a_near_one(
-    monkeypatch, fruitless, misfit, first
+@pytest.mark.parametrize(
+    ("misfit", "order"), [(10.0, ["balance", "names", "curve"]), (2.5, ["names", "curve", "balance"])]
+)
+def test_beside_a_far_path_the_balance_of_work_comes_first_beside_a_near_one_plain_names_then_curves(
+    monkeypatch, fruitless, misfit, order
 ):
     asked = []
     monkeypatch.setattr(fruitless + "begin_balanced", lambda *_: asked.append("balance") or [])
     monkeypatch.setattr(fruitless + "widen", lambda *_: asked.append("names"))
     monkeypatch.setattr(fruitless + "suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
-    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: "curve" in asked)
+    search = SimpleNamespace(
+        recordings=[SimpleNamespace(channels=())], late=lambda: {"balance", "curve"} <= set(asked)
+    )
     _search_all(search, Explanation(attempt([], misfit)), 3, lambda _: None)
-    assert asked.count("balance") == 1
-    assert asked.index("balance") == (0 if first else 1)
+    assert asked.count("balance") == asked.count("curve") == 1
+    assert list(dict.fromkeys(asked)) == order
 
 
 @pytest.mark.parametrize(("misfit", "expected"), [(5.3, ["joint_lubrication"]), (9.0, [])])
