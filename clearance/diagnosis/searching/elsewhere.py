@@ -63,17 +63,18 @@ def begin_sure(search: Search, explanation: Explanation) -> None:
         )  # fmt: skip
 
 
-def begin_again(search: Search, explanation: Explanation) -> None:
+def begin_again(search: Search, explanation: Explanation, though_explained: bool = False) -> None:
     """Fit the best explanation so far on paths that are sought anew with it.
 
     The paths that it was found on are of a machine that lacks it: that led them, and their clearance, astray.
+    Nothing is done where it explains, unless ``though_explained``.
     """
     best, surest = explanation.best, int(np.argmin([start.doubt for start in search.starts]))
     row = best.fit.values[surest].copy()
     with search.timed(rhythm_of(best)):
         search.keep(
             explanation, best.hypotheses,
-            lambda: fit_everywhere(search, best.hypotheses, row, surest, best, anew=True),
+            lambda: fit_everywhere(search, best.hypotheses, row, surest, best, anew=True), though_explained,
         )  # fmt: skip
 
 

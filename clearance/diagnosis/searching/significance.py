@@ -95,7 +95,12 @@ def incomplete(attempt: Attempt) -> bool:
 
 
 def unsettled(explanation: Explanation) -> bool:
-    """Whether a machine that seems right but for something small is not, and nothing small explains it."""
+    """Whether a machine that seems right but for something small is not, and nothing small explains it.
+
+    What shakes its frame is no small force: it is not felt from segment to segment, and leaves no less.
+    """
     nominal, best = explanation.nominal, explanation.best
+    if best is explanation.shown:
+        return False
     left = best.misfit > _FLOOR and best.misfit - 1.0 > _SMALL * (nominal.misfit - 1.0)
     return explained(nominal) and suspicious(explanation) and (best is nominal or left)

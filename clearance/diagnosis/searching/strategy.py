@@ -7,6 +7,7 @@ from itertools import takewhile
 from clearance.diagnosis.following.attempt import ROOM, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import Curve, unnamed
 from clearance.diagnosis.searching.beside import FAR, NEARLY, SHARED
+from clearance.diagnosis.searching.confirm import confirm
 from clearance.diagnosis.searching.edges import place_edges
 from clearance.diagnosis.searching.elsewhere import (
     begin_again,
@@ -63,13 +64,13 @@ def find_explanation(
     little, since beside a path that is far from right none promises much; forces of free form on
     the slider, or with which most of one recording is explained; effects that no linear look can judge;
     faults that promised little; pairs of which neither shows without the other; other tables; the best so far
-    on paths of its own. A table is put to the test against names. What explains is looked beside for what is
-    small; where effects leave more than right ones do, for others that a linear look cannot judge; where
-    nothing takes away what is too much for a machine with nothing missing, effects that a linear look is sure
-    of, then small forces of free form, then effects that it cannot judge, are tried on paths of their own. A
-    named force must stand against one of free form in its place. What is not needed is pruned. A nominal
-    machine that explains is fitted on the path of what explains more. Where something is left, a load's edges
-    are looked for along the stroke.
+    on paths of its own. A table is put to the test against names. Where something is left, a load's edges
+    are looked for along the stroke. Named effects that explain are followed anew. What explains is looked
+    beside for what is small; where effects leave more than right ones do, for others that a linear look
+    cannot judge; where nothing takes away what is too much for a machine with nothing missing, effects that
+    a linear look is sure of, then small forces of free form, then effects that it cannot judge, are tried
+    on paths of their own. A named force must stand against one of free form in its place. What is not
+    needed is pruned. A nominal machine that explains is fitted on the path of what explains more.
 
     Args:
         search: after its nominal stage.
@@ -85,6 +86,8 @@ def find_explanation(
         if explained(explanation.best):
             enlarge(search, explanation)
         sharpen(search, explanation)
+    confirm(search, explanation)
+    confirmed = explanation.best
     scrutinise(search, explanation, most)
     if incomplete(explanation.best) and len(explanation.best.hypotheses) < most and not search.late():
         begin_elsewhere(search, explanation, explanation.best)
@@ -100,6 +103,8 @@ def find_explanation(
     hear(explanation)
     contest(search, explanation)
     prune(search, explanation)
+    if explanation.best is not confirmed:
+        confirm(search, explanation)
     retry_nominal(search, explanation)
 
 

@@ -11,7 +11,7 @@ from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.kinematics.shaking import Shaking
 from clearance.diagnosis.searching import significance
 from clearance.diagnosis.searching.explanation import Explanation, Suspected
-from clearance.diagnosis.searching.significance import null_scores, p_value, suspicious, usual
+from clearance.diagnosis.searching.significance import null_scores, p_value, suspicious, unsettled, usual
 from tests.diagnosis.judging.test_verdict import attempt
 
 
@@ -57,6 +57,7 @@ def test_a_measured_force_on_the_frame_stands_where_one_step_errors_say_nothing_
     explanation = Explanation(nominal, [pushed], shaken=SHAKING, shown=pushed)
     withdraw(explanation)
     assert explanation.best is pushed
+    assert not unsettled(explanation), "nothing small is looked for beside it"
     assert verdict_of(explanation) == "unknown"
     better = attempt(["gravity"], 0.9)
     explanation.attempts.append(better)
