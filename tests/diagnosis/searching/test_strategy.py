@@ -117,7 +117,7 @@ def test_effects_that_explain_less_than_right_ones_are_looked_beside(monkeypatch
     strategy = "clearance.diagnosis.searching.strategy."
     for name in (
         "begin_shaking", "_search_all", "enlarge", "sharpen", "scrutinise", "retry_nominal", "contest",
-        "prune",
+        "confirm", "prune",
     ):  # fmt: skip
         monkeypatch.setattr(strategy + name, lambda *_: None)
     beside = []
