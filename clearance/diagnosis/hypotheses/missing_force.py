@@ -270,9 +270,9 @@ def effect_as_curves(
         for one, follower in zip(passes, followers, strict=True)
     ]
     found = []
-    for argument in (
-        one for one in arguments_of(place[0]) if one != "time"
-    ):  # what a machine does knows no clock
+    for argument in arguments_of(place[0]):
+        if argument == "time":  # what a machine does knows no clock
+            continue
         values = np.concatenate([one[argument] for one in each])
         curve, left = as_function_of(force, values, curve_over(values, *place, argument))
         if left < _HALF:

@@ -40,9 +40,9 @@ from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import peak_memory
 
 METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
-_SEARCH, _SOUGHT = 0.8, 0.9
-"""Of the time limit, after which nothing new is tried, and no lost path looked for in what was held out."""
-_PATIENCE = 0.2  # of it, after which none is looked for however early that began
+_SEARCH = 0.8  # of the time limit, after which nothing new is tried
+_SOUGHT = 0.9  # of it, until when lost paths are looked for in what was held out
+_PATIENCE = (0.1, 0.2)  # of it, for which they are at least, and at most
 Found = TypeVar("Found")
 
 
@@ -89,7 +89,7 @@ def diagnose(
         most: effects at once.
         report: called with progress.
         keep: called after each stage with what was found so far.
-        time_limit: for all of it, judging included [s].
+        time_limit: that all of it should take [s]: after four fifths of it nothing new is tried.
         finished: folder in which fits are kept for another run on the same recordings.
         simulations: of the refitted nominal machine, by which to tell how unusual the recordings are.
 
@@ -111,11 +111,12 @@ def diagnose(
     )
     setting, joint = search.setting, search.setting.joint
     keep(explanation)
-    patience = _PATIENCE * time_limit
     try:
         find_explanation(search, explanation, most, keep)
+        stopped = search.stopped
+        search.stopped, search.deadline = "", started + time_limit  # of judging
     except KeyboardInterrupt:
-        search.stopped, patience = "it was interrupted", 0.0
+        search.stopped = stopped = "it was interrupted"
         say("interrupted: what was found so far is judged and written; once more ends it at once")
     searching = False  # what comes now takes a minute at most as a rule
     if explanation.rails is not None and not explained(explanation.best):
@@ -124,7 +125,8 @@ def diagnose(
         _calibrate(search, explanation, simulations)
     ask(search, explanation)
     search.report("judging on held-out recordings")
-    search.patient_until = min(time.monotonic() + patience, started + _SOUGHT * time_limit)
+    now = time.monotonic()
+    search.patient_until = now if search.stopped else now + patience(now - started, time_limit)
     judged = judge(held_out, search, explanation)
     best, nominal, after = explanation.best, explanation.nominal, judged.after
     fit = _fit_numbers(judged.errors_before, judged.errors_after)
@@ -207,7 +209,7 @@ def diagnose(
                 for name in missed
             ),
             *(
-                [f"Not everything was tried: {search.stopped}."] if search.stopped else []
+                [f"Not everything was tried: {stopped}."] if stopped else []
             ),
         ],
         "seconds": round(time.monotonic() - started, 1),
@@ -217,6 +219,14 @@ def diagnose(
     evidence = gather_evidence(search, explanation, judged.held_out, judged.before, after, errors_fit, here)
     model = setting.model(best.hypotheses)
     return Outcome(diagnosis, evidence, model.machine(best.fit.values[0]), explanation)
+
+
+def patience(spent: float, time_limit: float) -> float:
+    """How long lost paths are looked for in what was held out [s], after so long [s] of a time limit [s]."""
+    least, most = _PATIENCE
+    if time_limit == np.inf:
+        return np.inf
+    return min(most * time_limit, max(least * time_limit, _SOUGHT * time_limit - spent))
 
 
 def _calibrate(search: Search, explanation: Explanation, simulations: int) -> None:

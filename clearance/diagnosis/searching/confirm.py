@@ -9,17 +9,20 @@ from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import unnamed
 from clearance.diagnosis.searching.elsewhere import begin_again
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import margin
 
-_ROUNDS = 3  # at most
-_LESS = 0.995  # of the misfit before: what leaves more has ended in its minimum
+_ROUNDS, _RIVALS = 3, 3  # at most
+_LESS = 0.99  # of the misfit before: what leaves more has ended in its minimum
 
 
 def confirm(search: Search, explanation: Explanation) -> None:
     """Follow named effects that explain anew with what they are known to be, as long as that leaves less.
 
-    What explains as well is fitted on those paths too, so that none is asserted for its better path.
+    What explains as well is fitted on those paths too, so that none is asserted for its better path. Where
+    the nominal machine explains, its paths are right but for little; and a slider that is loose in its guide
+    is lost at its strikes by what follows others.
 
     Args:
         search: after its nominal stage.
@@ -27,10 +30,9 @@ def confirm(search: Search, explanation: Explanation) -> None:
     """
     for _ in range(_ROUNDS):
         best = explanation.best
-        named = bool(best.hypotheses) and unnamed(best.hypotheses) is None
-        if not (named and explained(best)) or best is explanation.shown or search.late():
+        if search.late() or not _followed(explanation, best):
             return
-        rivals = _rivals(search, explanation, best)
+        rivals = _rivals(search, explanation, best)[:_RIVALS]
         begin_again(search, explanation, though_explained=True)
         found = explanation.best
         if found is best:
@@ -44,12 +46,23 @@ def confirm(search: Search, explanation: Explanation) -> None:
             return
 
 
+def _followed(explanation: Explanation, best: Attempt) -> bool:
+    """Whether an attempt is of named effects, explains, and was led there by a machine that does not."""
+    names = {hypothesis.name for hypothesis in best.hypotheses}
+    named = bool(names) and unnamed(best.hypotheses) is None and LOOSE_GUIDE not in names
+    return named and explained(best) and best is not explanation.shown and not explained(explanation.nominal)
+
+
 def _rivals(search: Search, explanation: Explanation, best: Attempt) -> list[Attempt]:
-    """What explains as well as the best attempt, by a machine of the same coordinates: of each, the best."""
+    """Names that explain as well as ``best`` does by a machine of the same coordinates, each at its best."""
     machine, limit = search.setting.with_clearance(3e-4), explanation.price(best) + margin(explanation)
     found: dict[str, Attempt] = {}
     for one in sorted(explanation.standing[1:], key=explanation.price):
         alike = explained(one) and explanation.price(one) < limit and one.label != best.label
-        if alike and not any(h.structural(machine) for h in (*one.hypotheses, *best.hypotheses)):
+        if (
+            alike
+            and unnamed(one.hypotheses) is None
+            and not any(h.structural(machine) for h in (*one.hypotheses, *best.hypotheses))
+        ):
             found.setdefault(one.label, one)
     return list(found.values())

@@ -72,7 +72,7 @@ class Search:
     def late(self) -> bool:
         """Whether nothing new is to be tried; ``stopped`` says why."""
         if not self.stopped and time.monotonic() > self.deadline:
-            self.stopped = "time_limit was over (time_limit=null sets none)"
+            self.stopped = "four fifths of time_limit were over (time_limit=null sets none)"
             self.finished.stop()
         return bool(self.stopped)
 

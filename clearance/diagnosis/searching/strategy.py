@@ -53,24 +53,26 @@ def find_explanation(
 ) -> None:
     """Find what explains the recordings, with as few effects as it takes.
 
-    A frame that its sensors feel shaking comes first, then a recorder's clock by which the motion agrees much
-    better, and a sensor that alone contradicts the nominal machine, or the motion. Where the path is not
-    near, effects follow that give the torque which the motion needs. Then single effects that promise much of
-    what is missing; dimensions and faulty sensors that the motion alone points at; what acts inside the
-    joint, from plausible sizes; where the path is near, what gives the torque that the motion needs; where no
-    force gives it, a worn bearing, and where the path is far, effects that no linear look can judge; effects
-    and faults that promise a good part; in the place of one that explains half, a force of free form. Beside
-    one that explains a good part, the next one, and both on paths of their own. Then effects that promised
-    little, since beside a path that is far from right none promises much; forces of free form on
-    the slider, or with which most of one recording is explained; effects that no linear look can judge;
-    faults that promised little; pairs of which neither shows without the other; other tables; the best so far
-    on paths of its own. A table is put to the test against names. Where something is left, a load's edges
-    are looked for along the stroke. Named effects that explain are followed anew. What explains is looked
-    beside for what is small; where effects leave more than right ones do, for others that a linear look
-    cannot judge; where nothing takes away what is too much for a machine with nothing missing, effects that
-    a linear look is sure of, then small forces of free form, then effects that it cannot judge, are tried
-    on paths of their own. A named force must stand against one of free form in its place. What is not
-    needed is pruned. A nominal machine that explains is fitted on the path of what explains more.
+    A frame that its sensors feel shaking comes first, then a recorder's clock by which the motion agrees
+    much better, and a sensor that alone contradicts the nominal machine, or the motion. Where the path is
+    not near, effects follow that give the torque which the motion needs. Then single effects that promise
+    much of what is missing; dimensions that the motion alone points at; where the path is near, a force of
+    free form; what acts inside the joint, from plausible sizes, and faulty sensors that the motion points
+    at; where the path is near, what gives the torque that the motion needs; where no force gives it, a worn
+    bearing, and where the path is far, effects that no linear look can judge; effects and faults that
+    promise a good part; in the place of one that explains half, a force of free form. Beside one that
+    explains a good part, the next one, and both on paths of their own. Then effects that promised little,
+    since beside a path that is far from right none promises much; forces of free form on the slider, or
+    with which most of one recording is explained; effects that no linear look can judge; faults that
+    promised little; pairs of which neither shows without the other; other tables; the best so far on paths
+    of its own. A table is put to the test against names. Where something is left, a load's edges are looked
+    for along the stroke. Named effects that explain are followed anew. What explains is looked beside for
+    what is small; where effects leave more than right ones do, for others that a linear look cannot judge;
+    where nothing takes away what is too much for a machine with nothing missing, effects that a linear look
+    is sure of, then small forces of free form, then effects that it cannot judge, are tried on paths of
+    their own. What was put together is followed anew. A named force must stand against one of free form in
+    its place. What is not needed is pruned. A nominal machine that explains is fitted on the path of what
+    explains more.
 
     Args:
         search: after its nominal stage.
@@ -100,11 +102,11 @@ def find_explanation(
             begin_elsewhere(search, explanation, explanation.nominal)
         if explanation.best.hypotheses:
             scrutinise(search, explanation, most)
+    if explanation.best is not confirmed:
+        confirm(search, explanation)
     hear(explanation)
     contest(search, explanation)
     prune(search, explanation)
-    if explanation.best is not confirmed:
-        confirm(search, explanation)
     retry_nominal(search, explanation)
 
 
@@ -119,6 +121,9 @@ def _search_all(
     pushed: list[Balanced] = []
     suspicious = cache(lambda: suggest_channels(search))
     deafened: list[str] = []
+
+    def accused() -> dict[str, float]:
+        return dict(list(suspicious().items())[:_FAULTS])
 
     def frame() -> None:
         begin_frame(search, explanation)
@@ -160,11 +165,14 @@ def _search_all(
         begin_guide(search, explanation)
         if settled(search, explanation, nominal):
             return
-        channels = dict(list(suspicious().items())[:_FAULTS])
-        begin_dimensions(search, explanation, channels)
+        begin_dimensions(search, explanation, accused())
+
+    def joint() -> None:
+        if settled(search, explanation, nominal):
+            return
         if not (explanation.shut(nominal) or settled(search, explanation, nominal)):
             begin_inside(search, explanation)
-        for channel in channels:
+        for channel in accused():
             if channel not in deafened and not settled(search, explanation, nominal):
                 deafen(search, explanation, nominal, channel)
 
@@ -177,7 +185,7 @@ def _search_all(
 
     def reshaped() -> None:
         best = explanation.best
-        nearer = best.misfit - 1.0 < _HALF * (nominal.misfit - 1.0)
+        nearer = best.misfit - 1.0 < _HALF * (nominal.misfit - 1.0) and unnamed(best.hypotheses) is None
         if nearer and best not in built_on and not settled(search, explanation, nominal):
             reshape(search, explanation, best)
 
@@ -241,7 +249,7 @@ def _search_all(
         else:
             waiting.extend(found)
 
-    def curve_near() -> None:  # there a linear look has judged names, and one recording tells curves apart
+    def curve_near() -> None:  # there a linear look has judged names, and one recording tells bodies apart
         if nominal.misfit < NEARLY and not _in_part(explanation, _named(explanation), nominal, _PART):
             curve()
 
@@ -272,7 +280,7 @@ def _search_all(
             begin_again(search, explanation)
 
     steps = (
-        frame, build_on, cushion, clock, sensor, build_on, balance, lead, plain, curve_near, motion,
+        frame, build_on, cushion, clock, sensor, build_on, balance, lead, plain, motion, curve_near, joint,
         build_on, together, build_on, balance_near, inside, likely, build_on, reshaped, unlikely, build_on,
         curve, elsewhere, build_on, share, unlikely_faults, build_on, pair, build_on, other_curve, again,
         build_on,

@@ -1,5 +1,6 @@
 """What explains is followed again on paths of its own, with all that explains as well."""
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,22 +8,24 @@ import pytest
 
 from clearance.diagnosis.hypotheses.free_form import FREE_FORM
 from clearance.diagnosis.searching.confirm import confirm
+from clearance.diagnosis.searching.elsewhere import begin_again
 from clearance.diagnosis.searching.explanation import Explanation
 from tests.diagnosis.judging.test_verdict import attempt as found
 
 
-def attempt(names, misfit):
+def attempt(names, misfit, structural=False):
     one = found(names, misfit)
     for hypothesis in one.hypotheses:
-        hypothesis.structural = lambda _: False
+        hypothesis.structural = lambda _: structural
     one.label = " + ".join(names)
     one.fit.values = np.zeros((1, 1))
     return one
 
 
-def confirmed(monkeypatch, attempts, following, late=False):
+def confirmed(monkeypatch, attempts, following, late=False, nominal=9.0):
     """The best misfit, rounds and what is refitted where following anew gives these, one after another."""
-    explanation, refitted, left = Explanation(attempt([], 9.0), list(attempts)), [], list(following)
+    refitted, left = [], list(following)
+    explanation = Explanation(attempt([], nominal), list(attempts))
 
     def again(_, explanation, though_explained):
         assert though_explained
@@ -50,15 +53,34 @@ def test_a_named_effect_is_followed_anew_as_long_as_it_leaves_less(monkeypatch, 
     assert confirmed(monkeypatch, [attempt(["rod_inertia"], 1.0)], following)[:2] == (best, rounds)
 
 
-def test_what_explains_as_well_is_fitted_on_the_better_paths_too(monkeypatch):
+def test_names_that_explain_as_well_are_fitted_on_the_better_paths_too(monkeypatch):
     alike, worse = attempt(["torque_ripple"], 1.001), attempt(["gravity"], 1.3)
-    attempts = [attempt(["rod_inertia"], 1.0), alike, worse]
+    table, bending = attempt([FREE_FORM], 1.001), attempt(["rod_flexibility"], 1.001, structural=True)
+    attempts = [attempt(["rod_inertia"], 1.0), alike, worse, table, bending]
     assert confirmed(monkeypatch, attempts, [0.95, 0.96])[2] == ["torque_ripple"]
 
 
 @pytest.mark.parametrize(
-    ("best", "late"), [(attempt([FREE_FORM], 1.0), False), (attempt(["gravity"], 1.9), False),
-                       (attempt(["gravity"], 1.0), True)]
-)  # fmt: skip
-def test_no_table_nothing_that_does_not_explain_and_nothing_late_is_followed_anew(monkeypatch, best, late):
-    assert confirmed(monkeypatch, [best], [0.5], late)[1] == 0
+    ("best", "late", "nominal"),
+    [
+        (attempt([FREE_FORM], 1.0), False, 9.0),
+        (attempt(["guide_clearance"], 1.0), False, 9.0),
+        (attempt(["gravity"], 1.9), False, 9.0),  # it does not explain
+        (attempt(["gravity"], 1.0), True, 9.0),
+        (attempt(["gravity"], 1.0), False, 1.1),  # the paths are right but for little
+    ],
+)
+def test_what_else_is_not_followed_anew(monkeypatch, best, late, nominal):
+    assert confirmed(monkeypatch, [best], [0.5], late, nominal)[1] == 0
+
+
+@pytest.mark.parametrize("though_explained", [False, True])
+def test_what_explains_is_fitted_again_where_that_is_asked_for(though_explained):
+    kept = []
+    nothing, nominal = nullcontext(), attempt([], 9.0)
+    search = SimpleNamespace(
+        starts=[SimpleNamespace(doubt=1.0)], timed=lambda _: nothing,
+        keep=lambda _, held, make, again: kept.append((held[0].name, again)),
+    )  # fmt: skip
+    begin_again(search, Explanation(nominal, [attempt(["gravity"], 1.0)]), though_explained)
+    assert kept == [("gravity", though_explained)]

@@ -53,7 +53,7 @@ def test_a_force_that_the_balance_on_the_frame_shows_is_not_nothing():
 
 
 def test_a_measured_force_on_the_frame_stands_where_one_step_errors_say_nothing_of_it():
-    nominal, pushed = attempt([], 1.00), attempt([FREE_FORM], 1.01)
+    nominal, pushed = attempt([], 1.10), attempt([FREE_FORM], 1.11)
     explanation = Explanation(nominal, [pushed], shaken=SHAKING, shown=pushed)
     withdraw(explanation)
     assert explanation.best is pushed
