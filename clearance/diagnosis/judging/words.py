@@ -108,13 +108,16 @@ def sentences(
             f"One-step errors are {held['after']:.3g} with it and {held['before']:.3g} without (floor 1.00)"
         )
     elif best is explanation.shown:
-        one = explanation.rails is not None and explanation.rails.followed
+        rails = explanation.rails
+        one = rails is not None and rails.followed
         lines.append(
             "One recording was followed so through its strikes, others were not: what else may be missing "
             "there is not said."
             if one
-            else "The motion alone shows this: the slider moves as if between rails. No such machine was "
-            "kept on the recordings through its strikes: what else may be missing is not said."
+            else "The motion alone shows this: the slider moves as if between rails"
+            f"{' on a frame that gives way' if rails is not None and rails.beside else ''}. "
+            "No such machine was kept on the recordings through its strikes: what else may be missing is not "
+            "said."
         )
         gain = f"One-step errors remain ({held['after']:.3g}, floor 1.00)"
     lines.append(

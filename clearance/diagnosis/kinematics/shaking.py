@@ -28,7 +28,9 @@ NEEDED = (
     *AT_A, "crank_b_transverse", "crank_b_axial", "rod_b_transverse",
     "rod_b_axial", "rod_c_transverse", "rod_c_axial", "slider_horizontal",
 )  # fmt: skip
-"""Channels that tell what all links are accelerated with."""
+"""Channels that tell what all links are accelerated with, but for a slider that leaves its guide line."""
+LIFTED = "slider_vertical"
+"""The channel that feels one do so, and its guide pushing it."""
 FOUND = ("frequency", "damping_ratio", "mass")
 """What they tell of the frame, by the names of its effect's parameters."""
 _SHOWN = 5.0  # times the noise: what the sensors at A feel of a frame that moves
@@ -248,7 +250,8 @@ def _balance(
         return link.mass * (near + share * (far - near))
 
     frame = felt(one, "crank_a", crank)
-    sliding = values[:, one.channels.index("slider_horizontal")] + 1j * frame.imag
+    lifted = values[:, one.channels.index(LIFTED)] if LIFTED in one.channels else frame.imag
+    sliding = values[:, one.channels.index("slider_horizontal")] + 1j * lifted
     asked = -(
         weighed(machine.crank, frame, felt(one, "crank_b", crank), p[Parameter.SENSOR_CRANK_A :])
         + weighed(machine.rod, felt(one, "rod_b", rod), felt(one, "rod_c", rod), p[Parameter.SENSOR_ROD_B :])

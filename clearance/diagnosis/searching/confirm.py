@@ -11,7 +11,7 @@ from clearance.diagnosis.searching.elsewhere import begin_again
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
 from clearance.diagnosis.searching.search import Search
-from clearance.diagnosis.searching.significance import margin
+from clearance.diagnosis.searching.significance import incomplete, margin
 
 _ROUNDS, _RIVALS = 3, 3  # at most
 _LESS = 0.99  # of the misfit before: what leaves more has ended in its minimum
@@ -47,10 +47,14 @@ def confirm(search: Search, explanation: Explanation) -> None:
 
 
 def _followed(explanation: Explanation, best: Attempt) -> bool:
-    """Whether an attempt is of named effects, explains, and was led there by a machine that does not."""
+    """Whether an attempt is of named effects, explains, and was led there by a machine that does not.
+
+    What leaves more than right effects do lacks another one.
+    """
     names = {hypothesis.name for hypothesis in best.hypotheses}
     named = bool(names) and unnamed(best.hypotheses) is None and LOOSE_GUIDE not in names
-    return named and explained(best) and best is not explanation.shown and not explained(explanation.nominal)
+    right = explained(best) and not incomplete(best)
+    return named and right and best is not explanation.shown and not explained(explanation.nominal)
 
 
 def _rivals(search: Search, explanation: Explanation, best: Attempt) -> list[Attempt]:

@@ -19,13 +19,17 @@ class Rails:
     Attributes:
         clearance: of the joint beside it [m].
         gap: of free travel on each side [m].
-        deviations: (2,) standard deviations of both [m].
+        deviations: standard deviations of both [m], and of ``sizes``.
+        beside: effects that the motion shows with it.
+        sizes: of their parameters.
         followed: whether one recording was, and tells both; else the motion alone.
     """
 
     clearance: float
     gap: float
     deviations: np.ndarray
+    beside: tuple[Hypothesis, ...] = ()
+    sizes: np.ndarray = field(default_factory=lambda: np.zeros(0))
     followed: bool = False
 
 

@@ -261,11 +261,12 @@ def reshape(search: Search, explanation: Explanation, best: Attempt) -> None:
 def name_curve(search: Search, explanation: Explanation) -> None:
     """Try named effects in the place of a table, on its paths, where they can be judged.
 
-    Beside the nominal machine's own paths an effect that is right may promise little.
+    Beside the nominal machine's own paths an effect that is right may promise little. However late it is, one
+    that would turn the crank alike is tried: it takes a few seconds, and to be named is what was asked for.
     """
     best = explanation.best
     _name_torque(search, explanation, best)
-    if explained(explanation.best) and unnamed(explanation.best.hypotheses) is None:
+    if (explained(explanation.best) and unnamed(explanation.best.hypotheses) is None) or search.late():
         return
     model, values = search.setting.model(), best.fit.values[:, [0, -1]]
     own = [follower.part(0, follower.segments) for follower in best.followers]

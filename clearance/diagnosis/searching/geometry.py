@@ -9,13 +9,13 @@ fault a third is left, without another one two thirds.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
-from clearance.diagnosis.kinematics.agreement import COMPARED, Alignment, agreement, loose, profile
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.kinematics.agreement import COMPARED, Alignment, Profile, agreement, loose, profile
 from clearance.diagnosis.kinematics.lift import measure_gap, suggest_gap
 from clearance.diagnosis.kinematics.reconstruction import Reconstruction, reconstruct
 from clearance.diagnosis.searching.explanation import Rails
@@ -58,6 +58,37 @@ class Dimension:
     value: float
     clearance: float
     share: float
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Effects that the motion alone shows, beside which others are looked for.
+
+    Attributes:
+        hypotheses: these effects.
+        sizes: of their parameters.
+        deviations: standard deviations of these.
+        profile: how well the motion agrees with each clearance beside them.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    sizes: np.ndarray
+    deviations: np.ndarray
+    profile: Profile
+
+    @staticmethod
+    def nothing(search: Search) -> "Shown":
+        """The nominal machine."""
+        return Shown((), np.zeros(0), np.zeros(0), search.profile)
+
+    def added_to(self, setting: Setting) -> Setting:
+        """The setting of a machine with these effects."""
+        machine, place = setting.machine, 0
+        for hypothesis in self.hypotheses:
+            count = len(hypothesis.unknowns)
+            machine = hypothesis.apply(machine, self.sizes[place : place + count])
+            place += count
+        return replace(setting, machine=machine)
 
 
 def suggest_channels(search: Search) -> dict[str, float]:
@@ -112,8 +143,12 @@ def suggest_clock(search: Search) -> Dimension | None:
     return best
 
 
-def suggest_guide(search: Search) -> Dimension | None:
+def suggest_guide(search: Search, shown: Shown) -> Dimension | None:
     """Play of the slider in its guide, where its height along the motion shows rails and the motion agrees.
+
+    Args:
+        search: with its recordings.
+        shown: what else the motion shows.
 
     Raises:
         LinAlgError: a linkage that does not turn.
@@ -122,7 +157,8 @@ def suggest_guide(search: Search) -> Dimension | None:
     recordings, alignments, workers = search.recordings, search.alignments, search.workers
     if hypothesis is None:
         return None
-    nominal = search.setting.with_clearance(search.profile.best)
+    setting = shown.added_to(search.setting)
+    nominal = setting.with_clearance(shown.profile.best)
     paths = [_compared(one, known, nominal) for one, known in zip(recordings, alignments, strict=True)]
     sigma = max(path.doubt for path in paths)
     if not all(path.across.size and path.across[0].std() >= _SHOWN * sigma for path in paths):
@@ -134,9 +170,9 @@ def suggest_guide(search: Search) -> Dimension | None:
         return None
     size = np.array([gap])
     beside = profile(
-        recordings, alignments, lambda c: hypothesis.apply(search.setting.with_clearance(c), size), workers
+        recordings, alignments, lambda c: hypothesis.apply(setting.with_clearance(c), size), workers
     )
-    share = float(beside.misfit.min() / search.profile.misfit.min())
+    share = float(beside.misfit.min() / shown.profile.misfit.min())
     if share > _RAILED:
         return None
     search.report(
@@ -146,14 +182,16 @@ def suggest_guide(search: Search) -> Dimension | None:
     return Dimension(hypothesis, gap, beside.best, share)
 
 
-def measure_rails(search: Search, guide: Dimension) -> Rails:
+def measure_rails(search: Search, guide: Dimension, shown: Shown) -> Rails:
     """How wide the play is that a slider's motion shows, on the path between such rails.
 
     Args:
         search: after its nominal stage.
         guide: of ``suggest_guide``.
+        shown: likewise.
     """
-    machine = guide.hypothesis.apply(search.setting.with_clearance(guide.clearance), np.array([guide.value]))
+    setting = shown.added_to(search.setting)
+    machine = guide.hypothesis.apply(setting.with_clearance(guide.clearance), np.array([guide.value]))
     gaps, weights = [], []
     for one, known in zip(search.recordings, search.alignments, strict=True):
         path = _compared(one, known, machine)
@@ -162,8 +200,8 @@ def measure_rails(search: Search, guide: Dimension) -> Rails:
         weights.append(sd**-2)
     gap = float(np.average(gaps, weights=weights))
     doubts = [sum(weights) ** -0.5, _SYSTEMATIC * gap, gap - guide.value]  # two ways to tell it may differ
-    deviations = np.array([_SYSTEMATIC * guide.clearance, float(np.linalg.norm(doubts))])
-    return Rails(guide.clearance, gap, deviations)
+    own = [_SYSTEMATIC * guide.clearance, float(np.linalg.norm(doubts))]
+    return Rails(guide.clearance, gap, np.append(own, shown.deviations), shown.hypotheses, shown.sizes)
 
 
 def _tell(search: Search, one: Dimension) -> None:

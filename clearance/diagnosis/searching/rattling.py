@@ -30,7 +30,7 @@ from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.searching.beside import beside
 from clearance.diagnosis.searching.explanation import Explanation, Rails
-from clearance.diagnosis.searching.geometry import LOOSE_GUIDE, measure_rails, suggest_guide
+from clearance.diagnosis.searching.geometry import LOOSE_GUIDE, Shown, measure_rails, suggest_guide
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.shooting.covariance import deviations
 from clearance.diagnosis.shooting.fit import fit, settle
@@ -54,22 +54,29 @@ _Ways = list[tuple[int, Iterator[Found | None]]]
 """Segments at which a path was lost, and what is left of the ways on from each."""
 
 
-def begin_guide(search: Search, explanation: Explanation) -> None:
+def begin_guide(search: Search, explanation: Explanation, shown: Shown | None = None) -> None:
     """Fit play of the slider in its guide, from the gap that the motion shows.
 
     On four machines that is off by 5 to 22 %, and the clearance beside it by 0.5 to 3 %. Where no sensor on
     the slider feels its height, play in the other joint shows the same motion of the rod: rails are believed
     then only once a path was followed between them.
+
+    Args:
+        search: after its nominal stage.
+        explanation: added to.
+        shown: what else the motion shows; if ``None`` nothing.
     """
+    shown = Shown.nothing(search) if shown is None else shown
     try:
-        one = suggest_guide(search)
+        one = suggest_guide(search, shown)
         if one is None:
             return
         if all(_HEIGHT in recording.channels for recording in search.recordings):
-            explanation.rails = measure_rails(search, one)
+            explanation.rails = measure_rails(search, one, shown)
     except np.linalg.LinAlgError:
         return
-    held, values = beside(explanation.nominal, [one.hypothesis], np.array([one.value]))
+    both = [one.hypothesis, *shown.hypotheses]
+    held, values = beside(explanation.nominal, both, np.append(one.value, shown.sizes))
     model = search.setting.model(held)
     values[:, 0] = one.clearance
     for factor in _GAPS:
@@ -88,17 +95,19 @@ def begin_guide(search: Search, explanation: Explanation) -> None:
 def between_rails(search: Search, rails: Rails) -> Attempt | None:
     """The machine that was seen between rails, on the paths that the motion shows; nothing is fitted."""
     hypothesis = next(group[0] for group in search.groups.values() if group[0].name == LOOSE_GUIDE)
-    model = search.setting.model([hypothesis])
-    known = np.array([rails.clearance, rails.gap, search.traces[0].speed])
+    held = (hypothesis, *rails.beside)
+    model = search.setting.model(held)
+    row = np.array([rails.clearance, rails.gap, *rails.sizes])
+    known = np.append(row, search.traces[0].speed)
     try:
         traces = [search.retrace(r, model.machine(known)) for r in range(len(search.recordings))]
-        values = np.array([[rails.clearance, rails.gap, trace.speed] for trace in traces])
+        values = np.array([np.append(row, trace.speed) for trace in traces])
         followers = tightened([trace.follower(LOOSENESS) for trace in traces])
         found = fit(followers, model, values, 0, 1.0, search.workers, scale=ANNEALING[2])
     except (InputError, np.linalg.LinAlgError):
         return None
     reach = 1.96 * np.repeat(rails.deviations[:, None], 2, axis=1)
-    return Attempt((hypothesis,), model, found, ANNEALING[2], found.level, followers, reach=reach)
+    return Attempt(held, model, found, ANNEALING[2], found.level, followers, reach=reach)
 
 
 def _told(held: Sequence[Hypothesis], model: Model, followed: Followed) -> Rails | None:
@@ -107,8 +116,8 @@ def _told(held: Sequence[Hypothesis], model: Model, followed: Followed) -> Rails
     alone = refine(held, model, [follower], row[None], scale_of(misfit), 8)
     if not explained(alone):
         return None
-    clearance, gap = alone.fit.values[0, :2]
-    return Rails(float(clearance), float(gap), deviations(alone.fit), followed=True)
+    clearance, gap, *sizes = alone.fit.values[0, : model.shared]
+    return Rails(clearance, gap, deviations(alone.fit), tuple(held[1:]), np.array(sizes), followed=True)
 
 
 def fit_rattling(
@@ -158,7 +167,8 @@ def follow_rattling(
     every = []
     for factor in _GAPS if model.shared > _GAP else _GAPS[:1]:  # rails elsewhere show other islands
         other = row.copy()
-        other[_GAP : model.shared] *= factor
+        if model.shared > _GAP:
+            other[_GAP] *= factor
         starts = Start.several(trace, model.held(other), LOOSENESS, _ISLANDS)
         for start in starts:
             found = _followed(start, model, row, _KNOWN, until)

@@ -14,20 +14,23 @@ from clearance.diagnosis.kinematics.swaying import find_frame, sways
 from clearance.diagnosis.searching.balance import settle_in, suggest_forces
 from clearance.diagnosis.searching.everywhere import fit_from
 from clearance.diagnosis.searching.explanation import Explanation, Suspected
-from clearance.diagnosis.searching.geometry import FRAME, suggest_dimensions
+from clearance.diagnosis.searching.geometry import FRAME, Shown, suggest_dimensions
+from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.work import Balanced
 from clearance.errors import InputError
 
 _NAMED = 2  # forces that are tried beside a frame
+_OFF = {"frequency": 0.01, "damping_ratio": 0.1, "mass": 0.02}  # of a frame's numbers, as measured
 _TOLD = 0.5  # of the variance of what shakes the frame, that a rhythm explains at least
 
 
 def begin_frame(search: Search, explanation: Explanation) -> None:
     """Fit a frame that gives way as the one does which the crank's sensors feel, at A or at its end.
 
-    Where it does not explain, with a force that the balance of work against the frame names, and with a
-    dimension with which the motion against the frame agrees better.
+    Where it does not explain, with the play of a slider that strikes rails on it, with a force that the
+    balance of work against the frame names, and with a dimension with which the motion against the frame
+    agrees better.
     """
     nominal, known = explanation.nominal, search.setting.machine
     hypothesis = next((g[0] for g in search.groups.values() if g[0].name == FRAME), None)
@@ -55,6 +58,10 @@ def begin_frame(search: Search, explanation: Explanation) -> None:
         return
     fit_from(search, explanation, nominal, [hypothesis], sizes, against.best, anew=False)
     if explained(explanation.best) or search.late():
+        return
+    off = np.array([_OFF[u.name] for u in hypothesis.unknowns])
+    begin_guide(search, explanation, Shown((hypothesis,), sizes, off * sizes, against))
+    if explained(explanation.best) or explanation.rails is not None or search.late():
         return
     setting = replace(search.setting, machine=hypothesis.apply(known, sizes))
     for force in _forces_on(search, setting, against.best):

@@ -289,7 +289,8 @@ def _search_all(
         if not (_enough(explanation) or search.late()):
             step()
             keep(explanation)
-    if unnamed(explanation.best.hypotheses) is not None and not search.late():
+    best = explanation.best
+    if unnamed(best.hypotheses) is not None and (explained(best) or not search.late()):
         name_curve(search, explanation)
 
 

@@ -10,6 +10,7 @@ from clearance.diagnosis.kinematics.reconstruction import _steadied
 from clearance.diagnosis.kinematics.shaking import find_shaking, measure_frame, shakes
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.frame import FlexibleFrame
+from clearance.mechanism.guide import LooseGuide
 from clearance.simulation.layout import Result, Signal, State
 from tests.diagnosis.kinematics.test_reconstruction import CHAIN, SENSORS, aligned, machine, recorded, run
 
@@ -69,6 +70,14 @@ def test_frequency_damping_and_mass_of_a_frame_are_measured_whatever_the_joint_d
     measured, states = recorded(machine(joint, 4e-4, frame=SOFT), sensors=(*AT_A, *SENSORS))
     known = aligned(states)
     found = measure_frame([measured], [(known.angle, known.speed)], machine(joint, 1e-4))
+    assert found == pytest.approx([25.0, 0.03, 15.0], rel=0.03, abs=3e-3)
+
+
+def test_a_slider_that_strikes_its_guide_alters_nothing_of_what_is_measured():
+    loose = machine("B", 2e-4, frame=SOFT, guide=LooseGuide(gap=7e-5))
+    measured, states = recorded(loose, sensors=(*AT_A, *SENSORS, Signal.SLIDER_VERTICAL))
+    known = aligned(states)
+    found = measure_frame([measured], [(known.angle, known.speed)], machine("B", 1e-4))
     assert found == pytest.approx([25.0, 0.03, 15.0], rel=0.03, abs=3e-3)
 
 

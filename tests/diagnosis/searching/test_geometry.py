@@ -7,12 +7,15 @@ import pytest
 
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
-from clearance.diagnosis.kinematics.agreement import aligned
+from clearance.diagnosis.kinematics.agreement import aligned, profile
 from clearance.diagnosis.searching.geometry import (
+    Shown,
+    measure_rails,
     suggest_channels,
     suggest_dimensions,
     suggest_guide,
 )
+from clearance.diagnosis.searching.rattling import between_rails
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.sensing.demonstration import record
 from clearance.diagnosis.sensing.instrument import stretch
@@ -29,6 +32,7 @@ EFFECTS = [
     "slider_offset",
     "second_clearance",
     "guide_clearance",
+    "flexible_base",
     "sensor_bias",
     "sensor_gain",
     "timebase",
@@ -98,7 +102,7 @@ def test_a_missing_force_points_at_no_dimension_and_no_sensor():
     search = traced(replace(NOMINAL, guide_friction=friction))
     assert suggest_channels(search) == {}
     assert suggest_dimensions(search, {}) == []
-    assert suggest_guide(search) is None
+    assert suggest_guide(search, Shown.nothing(search)) is None
     assert np.isfinite(search.profile.misfit).all()
 
 
@@ -106,7 +110,7 @@ def test_a_missing_force_points_at_no_dimension_and_no_sensor():
 def test_a_slider_that_is_loose_in_its_guide():
     machine = replace(NOMINAL, joint_c=replace(NOMINAL.joint_c, clearance=1e-4), guide=LooseGuide(gap=7e-5))
     search = traced(machine)
-    found = suggest_guide(search)
+    found = suggest_guide(search, Shown.nothing(search))
     assert search.profile.best > 1.3e-4  # what the slider does is taken for the journal's play
     assert found.hypothesis.name == "guide_clearance"
     assert found.value == pytest.approx(7e-5, rel=0.1)
@@ -117,4 +121,29 @@ def test_a_slider_that_is_loose_in_its_guide():
 @pytest.mark.slow
 def test_a_frame_that_gives_way_has_no_rails():
     search = traced(replace(NOMINAL, frame=FlexibleFrame(frequency=40.0)))
-    assert suggest_guide(search) is None
+    assert suggest_guide(search, Shown.nothing(search)) is None
+
+
+@pytest.mark.slow
+def test_rails_on_a_frame_that_gives_way():
+    frame = FlexibleFrame(frequency=40.0)
+    joint = replace(NOMINAL.joint_c, clearance=1e-4)
+    search = traced(replace(NOMINAL, joint_c=joint, guide=LooseGuide(gap=7e-5), frame=frame))
+    giving = next(g[0] for g in search.groups.values() if g[0].name == "flexible_base")
+    sizes = np.array([{"frequency": 40.0, "damping_ratio": frame.damping_ratio, "mass": frame.mass}[u.name]
+                      for u in giving.unknowns])  # fmt: skip
+    beside = profile(
+        search.recordings, search.alignments,
+        lambda c: giving.apply(SETTING.with_clearance(c), sizes), 1,
+    )  # fmt: skip
+    shown = Shown((giving,), sizes, 0.1 * sizes, beside)
+    found = suggest_guide(search, shown)
+    assert found.value == pytest.approx(7e-5, rel=0.15)
+    assert found.clearance == pytest.approx(1e-4, rel=0.2)
+    rails = measure_rails(search, found, shown)
+    assert [h.name for h in rails.beside] == ["flexible_base"]
+    assert rails.deviations[2:] == pytest.approx(0.1 * sizes)
+    both = between_rails(search, rails)
+    assert [h.name for h in both.hypotheses] == ["guide_clearance", "flexible_base"]
+    assert both.fit.values[0, :2] == pytest.approx([rails.clearance, rails.gap])
+    assert both.reach.shape == (both.model.shared, 2)

@@ -59,6 +59,17 @@ def test_every_recording_must_be_followed_from_one_of_its_islands(monkeypatch, f
     assert rattling.fit_rattling(TRACES, MODEL, rows, 1, lambda: False, [], {}) is None
 
 
+def test_where_a_frame_is_known_beside_it_only_the_gap_is_tried_otherwise(monkeypatch):
+    islands(monkeypatch, dict.fromkeys([(700.0, 0), (700.0, 1)], LOST))
+    seen = []
+    model = SimpleNamespace(held=lambda row: seen.append(row.copy()), machine=lambda row: None, shared=5)
+    row = np.array([3e-4, 2e-5, 54.0, 0.04, 12.0, 700.0])
+    assert rattling.follow_rattling(TRACES[0], model, row, lambda: False) is None
+    tried = np.array(seen)
+    np.testing.assert_allclose(tried[:, 1], 2e-5 * np.array(rattling._GAPS))
+    np.testing.assert_array_equal(np.delete(tried, 1, axis=1), np.repeat(np.delete(row, 1)[None], 5, axis=0))
+
+
 def ways(segment, *found):
     return segment, iter(found)
 
