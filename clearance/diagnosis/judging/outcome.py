@@ -18,6 +18,7 @@ from clearance.diagnosis.judging.evidence import gather_evidence
 from clearance.diagnosis.judging.held_out import ask, judge, speeds_near
 from clearance.diagnosis.judging.mismatch import Innovations, innovations, interval, root_mean_square, summary
 from clearance.diagnosis.judging.verdict import (
+    FITTED,
     basis_of,
     clearance_of,
     effects_of,
@@ -135,6 +136,9 @@ def diagnose(
     channels = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > 0.1][:3]
     verdict = verdict_of(explanation, after)
     missed = lost(after) if verdict not in ("none", "unknown") else []
+    basis = basis_of(explanation, after)
+    if basis == FITTED:
+        fit["held_out"]["lost"] = sorted({one.name for one in judged.held_out})
     if missed:
         fit["held_out"]["followed"] = root_mean_square(
             [
@@ -147,11 +151,7 @@ def diagnose(
         fit["held_out"]["shares"] = {name: round(share, 3) for name, share in judged.shares.items()}
     body, direction = place_of(explanation, after)
     clearance, others = clearance_of(explanation), equivalents(explanation)
-    named = (
-        effects_of(best, probabilities(explanation), basis_of(explanation))
-        if verdict not in ("none", "unknown")
-        else []
-    )
+    named = effects_of(best, probabilities(explanation), basis) if verdict not in ("none", "unknown") else []
     here = seen_beside(search, best)
     score = explanation.hints[0].gain if explanation.hints else None
     diagnosis: dict[str, Any] = {

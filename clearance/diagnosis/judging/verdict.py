@@ -10,10 +10,13 @@ from clearance.diagnosis.hypotheses.free_form import DAMPING, FREE_FORM, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.kinematics.shaking import Shaking
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
 from clearance.diagnosis.searching.significance import beats, margin, suspicious, unsettled
 from clearance.diagnosis.shooting.covariance import deviations
 from clearance.mechanism.applied_force import TabulatedForce, shares
 
+FITTED = "fitted recordings and motion"
+"""What play in a guide rests on that held-out recordings are not followed with."""
 _ALONG = 4  # points from knot to knot at which a spline is given
 _WORSE = 1.02  # and ratio of their levels
 _UNITS = {
@@ -28,6 +31,7 @@ _UNHELD = 10.0  # times the largest force of a table: what is less sure than tha
 _SHAPELESS = 2.5  # times as unsure beside a table: root mean square of 12 errors of the plant over deviations
 _AGREED = 0.2  # of the clearance that the motion shows: what it may err by
 _FAR_NEARER = 0.5  # of the best misfit: what leaves less, if of one recording only, says more of the place
+_WITHIN = 2.0  # standard deviations of what the motion shows
 _LOST = 5.0  # misfit above which a path was lost: a model that is a little wrong leaves less
 _NEAR = 2.0  # times the best misfit: models that say as much of the clearance, where none explains
 
@@ -160,6 +164,20 @@ def lost(held_out: Attempt) -> list[str]:
     return [name for name, misfit in each.items() if misfit > _LOST] if min(each.values()) < EXPLAINED else []
 
 
+def vouched(explanation: Explanation, held_out: Attempt) -> bool:
+    """Whether the motion shows the play in a guide with which fitted recordings, and no others, are followed.
+
+    Of a shoe that hangs between its rails nothing is seen, so that held-out recordings may be lost at their
+    first strikes. That is no evidence against play which the motion shows as wide, beside as much clearance.
+    """
+    best, rails = explanation.best, explanation.rails
+    if rails is None or not (explained(best) and best.hypotheses and best.hypotheses[0].name == LOOSE_GUIDE):
+        return False
+    away = np.abs(best.fit.values[0, :2] - [rails.clearance, rails.gap])
+    astray = any(EXPLAINED <= misfit <= _LOST for misfit in held_out.misfits)
+    return bool((away < _WITHIN * rails.deviations[:2]).all()) and not astray
+
+
 def _confirmed(held_out: Attempt, effects: bool) -> bool:
     """Whether recordings that were held out are explained, or by effects half of them, and the others lost.
 
@@ -187,7 +205,10 @@ def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str
     best = explanation.best
     if best is explanation.shown:
         return "unknown" if unnamed(best.hypotheses) is not None else best.hypotheses[0].kind
-    if not explained(best) or (held_out is not None and not _confirmed(held_out, bool(best.hypotheses))):
+    if not explained(best):
+        return "unknown"
+    sure = held_out is None or _confirmed(held_out, bool(best.hypotheses))
+    if held_out is not None and not (sure or vouched(explanation, held_out)):
         return "unknown"
     if not best.hypotheses:
         return "unknown" if suspicious(explanation) else "none"
@@ -231,10 +252,13 @@ def probabilities(explanation: Explanation) -> dict[int, float]:
     return {id(a): float(w) for a, w in zip(every, weights, strict=True)}
 
 
-def basis_of(explanation: Explanation) -> str:
-    """What the best attempt rests on: prediction of all recordings, of one of them, or their motion."""
-    if explanation.best is not explanation.shown:
-        return "prediction"
+def basis_of(explanation: Explanation, held_out: Attempt | None = None) -> str:
+    """What the best attempt rests on: prediction of all recordings or of one, or ``FITTED``, or motion."""
+    best = explanation.best
+    if best is not explanation.shown:
+        if held_out is None or _confirmed(held_out, bool(best.hypotheses)):
+            return "prediction"
+        return FITTED if vouched(explanation, held_out) else "prediction"
     return "one recording" if explanation.rails is not None and explanation.rails.followed else "motion"
 
 

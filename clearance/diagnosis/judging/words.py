@@ -46,6 +46,11 @@ def sentences(
             f"Where held-out recordings could be followed, errors are {held['followed']:.3g} with it (floor "
             "1.00); elsewhere its path was lost,"
         )
+    if "lost" in held:
+        gain = (
+            "Every fitted recording is followed with it, and the motion shows that play as well; what was "
+            f"held out was lost at the slider's strikes (errors {held['after']:.3g}, floor 1.00),"
+        )
     if verdict == "unknown" and not best.hypotheses:
         body, direction = place_of(explanation)
         guess = f" What comes nearest acts on the {body.replace('_', ' ')} ({direction})." if body else ""

@@ -113,7 +113,7 @@ function what() {
     block.append(row);
     effects.forEach((effect, index) => {
       const box = card(row, `${title(effect.name)}${effect.channel ? ` of ${words(effect.channel)}` : ""}`, "effect");
-      box.append(h("p", { class: "kind" }, words(effect.kind), ["motion", "one recording"].includes(effect.basis) && `, by ${effect.basis === "motion" ? "the motion alone" : effect.basis}`, isNumber(effect.probability) && [", probability ", number(["effects", index, "probability"])]));
+      box.append(h("p", { class: "kind" }, words(effect.kind), !["prediction", undefined].includes(effect.basis) && `, by ${effect.basis === "motion" ? "the motion alone" : effect.basis}`, isNumber(effect.probability) && [", probability ", number(["effects", index, "probability"])]));
       parameters(box, effect.parameters, ["effects", index, "parameters"], "diagnosis");
     });
   }

@@ -218,6 +218,38 @@ def test_what_the_motion_alone_shows_is_asserted_where_nothing_is_followed(misfi
     assert (size["low"], size["high"]) == pytest.approx((5.6e-5, 8.4e-5))
 
 
+@pytest.mark.parametrize(
+    ("gap", "each", "expected", "basis"),
+    [
+        (7.6e-5, (40.0, 90.0), "physics", "fitted recordings and motion"),  # lost at the first strikes
+        (7.6e-5, (1.0, 90.0), "physics", "prediction"),  # half of them is enough
+        (7.6e-5, (3.0, 90.0), "unknown", "prediction"),  # one is followed, and badly
+        (9.5e-5, (40.0, 90.0), "unknown", "prediction"),  # the motion shows another play
+    ],
+)
+def test_play_that_the_motion_shows_as_well_is_asserted_though_what_is_held_out_is_lost(
+    monkeypatch, gap, each, expected, basis
+):
+    best = attempt(["guide_clearance", "flexible_base"], 1.0)
+    best.fit.values = np.array([[1e-4, gap, 54.0, 700.0]])
+    rails = Rails(1.1e-4, 7e-5, np.array([1e-5, 7e-6, 0.5]))
+    explanation = Explanation(attempt([], 50.0), [best], rails=rails)
+    held_out = attempt(["guide_clearance"], 40.0, each=each)
+    assert verdict_of(explanation, held_out) == expected
+    assert basis_of(explanation, held_out) == basis
+    explanation.rails = None
+    assert verdict_of(explanation, held_out) == ("physics" if each[0] == 1.0 else "unknown")
+
+
+def test_play_that_held_out_recordings_are_not_followed_with_is_said_to_be_that(monkeypatch):
+    best, nominal = attempt(["guide_clearance"], 1.0), attempt([], 50.0)
+    nominal.fit.values, best.fit.values = np.array([[5e-4, 700.0]]), np.array([[1e-4, 7e-5, 700.0]])
+    known(monkeypatch, lambda _: [Estimate(1e-4, 0.9e-4, 1.1e-4), Estimate(7e-5, 6e-5, 8e-5)])
+    fit = {"held_out": {"before": 9.0, "after": 12.0, "lost": ["a.csv"]}}
+    told = sentences("physics", Explanation(nominal, [best]), "C", fit, ["slider_vertical"])
+    assert "lost at the slider's strikes (errors 12, floor 1.00)" in told[-1]
+
+
 def test_what_the_motion_alone_shows_is_said_to_be_no_more_than_that():
     nominal = attempt([], 50.0)
     nominal.fit.values = np.array([[5e-4, 700.0]])
