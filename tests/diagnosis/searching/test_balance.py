@@ -187,6 +187,19 @@ def test_a_table_whose_load_the_reconstruction_counts_is_found_again_beside_it()
 
 
 @pytest.mark.slow
+def test_a_moment_on_the_rod_is_a_function_of_how_the_rod_is_turned():
+    angle = np.linspace(-0.42, 0.42, 12)
+    law = TabulatedForce("rod", "moment", "rod_angle", -0.42, angle[1] - angle[0], tuple(-9.0 * angle**3))
+    search = traced(replace(NOMINAL, force=law))
+    tables = Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4).tables(np.inf)
+    table = next(one for one in tables if one.curve.argument == "rod_angle")
+    assert (table.curve.body, table.curve.direction) == ("rod", "moment")
+    inner = slice(1, -1)
+    expected = -9.0 * table.curve.knots[inner] ** 3
+    assert np.corrcoef(table.values[inner], expected)[0, 1] > 0.95
+
+
+@pytest.mark.slow
 def test_the_clock_of_another_recording_is_found_by_a_table():
     wave = tuple(9.0 * np.sign(np.arange(24) - 5.5) + 2.0)
     law = TabulatedForce("slider", "x", "time", 0.0, None, wave, period=0.037)
