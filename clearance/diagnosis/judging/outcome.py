@@ -209,6 +209,11 @@ def diagnose(
                 for name in missed
             ),
             *(
+                f"{name}: what was held out of it was lost at the slider's strikes, and its errors are in "
+                "the held-out number."
+                for name in fit["held_out"].get("lost", [])
+            ),
+            *(
                 [f"Not everything was tried: {stopped}."] if stopped else []
             ),
         ],
