@@ -24,6 +24,7 @@ from clearance.diagnosis.judging.verdict import (
     effects_of,
     equivalents,
     free_form_of,
+    gone,
     lost,
     place_of,
     probabilities,
@@ -135,10 +136,11 @@ def diagnose(
     where = summary(errors_fit)
     channels = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > 0.1][:3]
     verdict = verdict_of(explanation, after)
-    missed = lost(after) if verdict not in ("none", "unknown") else []
     basis = basis_of(explanation, after)
-    if basis == FITTED:
-        fit["held_out"]["lost"] = sorted({one.name for one in judged.held_out})
+    struck = gone(after) if basis == FITTED else []  # at the strikes of a slider that the motion shows loose
+    missed = lost(after) if verdict not in ("none", "unknown") and not struck else []
+    if struck:
+        fit["held_out"]["lost"] = struck
     if missed:
         fit["held_out"]["followed"] = root_mean_square(
             [
@@ -211,7 +213,7 @@ def diagnose(
             *(
                 f"{name}: what was held out of it was lost at the slider's strikes, and its errors are in "
                 "the held-out number."
-                for name in fit["held_out"].get("lost", [])
+                for name in struck
             ),
             *(
                 [f"Not everything was tried: {stopped}."] if stopped else []

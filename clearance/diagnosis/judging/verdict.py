@@ -16,7 +16,7 @@ from clearance.diagnosis.shooting.covariance import deviations
 from clearance.mechanism.applied_force import TabulatedForce, shares
 
 FITTED = "fitted recordings and motion"
-"""What play in a guide rests on that held-out recordings are not followed with."""
+"""The basis of play in a guide where recordings that were held out are lost."""
 _ALONG = 4  # points from knot to knot at which a spline is given
 _WORSE = 1.02  # and ratio of their levels
 _UNITS = {
@@ -160,18 +160,25 @@ def cushioned(explanation: Explanation) -> bool:
 
 def lost(held_out: Attempt) -> list[str]:
     """Names of held-out recordings on which the path was lost, though others are followed to their ends."""
-    each = dict(zip((f.measured.name for f in held_out.followers), held_out.misfits, strict=True))
-    return [name for name, misfit in each.items() if misfit > _LOST] if min(each.values()) < EXPLAINED else []
+    return gone(held_out) if min(held_out.misfits) < EXPLAINED else []
+
+
+def gone(held_out: Attempt) -> list[str]:
+    """Names of held-out recordings on which the path was lost."""
+    each = zip((f.measured.name for f in held_out.followers), held_out.misfits, strict=True)
+    return [name for name, misfit in each if misfit > _LOST]
 
 
 def vouched(explanation: Explanation, held_out: Attempt) -> bool:
-    """Whether the motion shows the play in a guide with which fitted recordings, and no others, are followed.
+    """Whether the motion alone shows all that the fitted recordings are followed with, play in a guide first.
 
     Of a shoe that hangs between its rails nothing is seen, so that held-out recordings may be lost at their
     first strikes. That is no evidence against play which the motion shows as wide, beside as much clearance.
     """
     best, rails = explanation.best, explanation.rails
-    if rails is None or not (explained(best) and best.hypotheses and best.hypotheses[0].name == LOOSE_GUIDE):
+    if rails is None or rails.followed or not explained(best):
+        return False
+    if [h.name for h in best.hypotheses] != [LOOSE_GUIDE, *(h.name for h in rails.beside)]:
         return False
     away = np.abs(best.fit.values[0, :2] - [rails.clearance, rails.gap])
     astray = any(EXPLAINED <= misfit <= _LOST for misfit in held_out.misfits)
@@ -200,7 +207,7 @@ def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str
     Args:
         explanation: of the fitted recordings.
         held_out: the best attempt beside recordings that it was not fitted to: what does not explain these,
-            too, is not asserted.
+            too, is not asserted, unless it is ``vouched``.
     """
     best = explanation.best
     if best is explanation.shown:

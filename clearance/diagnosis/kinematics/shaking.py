@@ -30,7 +30,7 @@ NEEDED = (
 )  # fmt: skip
 """Channels that tell what all links are accelerated with, but for a slider that leaves its guide line."""
 LIFTED = "slider_vertical"
-"""The channel that feels one do so, and its guide pushing it."""
+"""The channel that feels a slider leave its guide line, and the guide push it back."""
 FOUND = ("frequency", "damping_ratio", "mass")
 """What they tell of the frame, by the names of its effect's parameters."""
 _SHOWN = 5.0  # times the noise: what the sensors at A feel of a frame that moves

@@ -17,7 +17,7 @@ _ROUNDS, _RIVALS = 3, 3  # at most
 _LESS = 0.99  # of the misfit before: what leaves more has ended in its minimum
 
 
-def confirm(search: Search, explanation: Explanation) -> None:
+def confirm(search: Search, explanation: Explanation, at_last: bool = False) -> None:
     """Follow named effects that explain anew with what they are known to be, as long as that leaves less.
 
     What explains as well is fitted on those paths too, so that none is asserted for its better path. Where
@@ -27,10 +27,11 @@ def confirm(search: Search, explanation: Explanation) -> None:
     Args:
         search: after its nominal stage.
         explanation: added to.
+        at_last: whether what leaves more than right effects do is followed, too: nothing was found beside it.
     """
     for _ in range(_ROUNDS):
         best = explanation.best
-        if search.late() or not _followed(explanation, best):
+        if search.late() or not _followed(explanation, best, at_last):
             return
         rivals = _rivals(search, explanation, best)[:_RIVALS]
         begin_again(search, explanation, though_explained=True)
@@ -46,14 +47,11 @@ def confirm(search: Search, explanation: Explanation) -> None:
             return
 
 
-def _followed(explanation: Explanation, best: Attempt) -> bool:
-    """Whether an attempt is of named effects, explains, and was led there by a machine that does not.
-
-    What leaves more than right effects do lacks another one.
-    """
+def _followed(explanation: Explanation, best: Attempt, at_last: bool) -> bool:
+    """Whether an attempt is of named effects, explains, and was led there by a machine that does not."""
     names = {hypothesis.name for hypothesis in best.hypotheses}
     named = bool(names) and unnamed(best.hypotheses) is None and LOOSE_GUIDE not in names
-    right = explained(best) and not incomplete(best)
+    right = explained(best) and (at_last or not incomplete(best))
     return named and right and best is not explanation.shown and not explained(explanation.nominal)
 
 

@@ -296,7 +296,7 @@ def _name_torque(search: Search, explanation: Explanation, best: Attempt) -> Non
         rows = best.fit.values
         values = np.array([[row[0], *one.values, row[-1]] for row in rows])
         search.refit(explanation, one.hypotheses, best.followers, values, ANNEALING[2])
-        if explained(explanation.best) or search.late():
+        if explained(explanation.best) and unnamed(explanation.best.hypotheses) is None:
             return
 
 

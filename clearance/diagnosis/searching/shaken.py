@@ -22,6 +22,7 @@ from clearance.errors import InputError
 
 _NAMED = 2  # forces that are tried beside a frame
 _OFF = {"frequency": 0.01, "damping_ratio": 0.1, "mass": 0.02}  # of a frame's numbers, as measured
+_DAMPING = 4e-3  # of its damping ratio, however small that is
 _TOLD = 0.5  # of the variance of what shakes the frame, that a rhythm explains at least
 
 
@@ -38,8 +39,8 @@ def begin_frame(search: Search, explanation: Explanation) -> None:
         return
     turning, p = _turning(search), known.parameters()
     pairs = list(zip(search.recordings, turning, strict=True))
-    measured = None
-    if all(shakes(one, *turns) for one, turns in pairs):
+    measured, at_a = None, all(shakes(one, *turns) for one, turns in pairs)
+    if at_a:
         measured = measure_frame(search.recordings, turning, known)
     elif all(sways(one, *turns, p) for one, turns in pairs):
         measured = find_frame(search.recordings, turning, known)
@@ -59,8 +60,8 @@ def begin_frame(search: Search, explanation: Explanation) -> None:
     fit_from(search, explanation, nominal, [hypothesis], sizes, against.best, anew=False)
     if explained(explanation.best) or search.late():
         return
-    off = np.array([_OFF[u.name] for u in hypothesis.unknowns])
-    begin_guide(search, explanation, Shown((hypothesis,), sizes, off * sizes, against))
+    if at_a:  # what the crank's end tells of a frame supposes that the slider stays on its line
+        begin_guide(search, explanation, Shown((hypothesis,), sizes, _doubts(hypothesis, sizes), against))
     if explained(explanation.best) or explanation.rails is not None or search.late():
         return
     setting = replace(search.setting, machine=hypothesis.apply(known, sizes))
@@ -74,6 +75,15 @@ def begin_frame(search: Search, explanation: Explanation) -> None:
         fit_from(search, explanation, nominal, [one.hypothesis, hypothesis], values, one.clearance, anew=True)
         if explained(explanation.best) or search.late():
             return
+
+
+def _doubts(hypothesis: Hypothesis, sizes: np.ndarray) -> np.ndarray:
+    """Standard deviations of a measured frame's numbers."""
+    shares = np.array([_OFF[unknown.name] for unknown in hypothesis.unknowns])
+    least = np.array(
+        [_DAMPING if unknown.name == "damping_ratio" else 0.0 for unknown in hypothesis.unknowns]
+    )
+    return np.maximum(shares * sizes, least)
 
 
 def _forces_on(search: Search, setting: Setting, clearance: float) -> list[Balanced]:

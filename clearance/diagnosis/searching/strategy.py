@@ -102,8 +102,8 @@ def find_explanation(
             begin_elsewhere(search, explanation, explanation.nominal)
         if explanation.best.hypotheses:
             scrutinise(search, explanation, most)
-    if explanation.best is not confirmed:
-        confirm(search, explanation)
+    if explanation.best is not confirmed or incomplete(explanation.best):
+        confirm(search, explanation, at_last=True)
     hear(explanation)
     contest(search, explanation)
     prune(search, explanation)
@@ -162,7 +162,8 @@ def _search_all(
         widen(search, explanation, nominal, prospects.plain)
 
     def motion() -> None:
-        begin_guide(search, explanation)
+        if explanation.rails is None:  # on a frame that gives way they were looked for before
+            begin_guide(search, explanation)
         if settled(search, explanation, nominal):
             return
         begin_dimensions(search, explanation, accused())

@@ -219,20 +219,23 @@ def test_what_the_motion_alone_shows_is_asserted_where_nothing_is_followed(misfi
 
 
 @pytest.mark.parametrize(
-    ("gap", "each", "expected", "basis"),
+    ("gap", "beside", "followed", "each", "expected", "basis"),
     [
-        (7.6e-5, (40.0, 90.0), "physics", "fitted recordings and motion"),  # lost at the first strikes
-        (7.6e-5, (1.0, 90.0), "physics", "prediction"),  # half of them is enough
-        (7.6e-5, (3.0, 90.0), "unknown", "prediction"),  # one is followed, and badly
-        (9.5e-5, (40.0, 90.0), "unknown", "prediction"),  # the motion shows another play
+        (7.6e-5, "flexible_base", False, (40.0, 90.0), "physics", "fitted recordings and motion"),
+        (7.6e-5, "flexible_base", False, (1.0, 90.0), "physics", "prediction"),  # half of them is enough
+        (7.6e-5, "flexible_base", False, (3.0, 90.0), "unknown", "prediction"),  # one is followed, and badly
+        (9.5e-5, "flexible_base", False, (40.0, 90.0), "unknown", "prediction"),  # the motion shows another
+        (7.6e-5, "sensor_bias", False, (40.0, 90.0), "unknown", "prediction"),  # which it does not show
+        (7.6e-5, "flexible_base", True, (40.0, 90.0), "unknown", "prediction"),  # a recording is no motion
     ],
 )
 def test_play_that_the_motion_shows_as_well_is_asserted_though_what_is_held_out_is_lost(
-    monkeypatch, gap, each, expected, basis
+    gap, beside, followed, each, expected, basis
 ):
-    best = attempt(["guide_clearance", "flexible_base"], 1.0)
+    best = attempt(["guide_clearance", beside], 1.0)
     best.fit.values = np.array([[1e-4, gap, 54.0, 700.0]])
-    rails = Rails(1.1e-4, 7e-5, np.array([1e-5, 7e-6, 0.5]))
+    frame = attempt(["flexible_base"], 1.0).hypotheses
+    rails = Rails(1.1e-4, 7e-5, np.array([1e-5, 7e-6, 0.5]), frame, np.array([54.0]), followed)
     explanation = Explanation(attempt([], 50.0), [best], rails=rails)
     held_out = attempt(["guide_clearance"], 40.0, each=each)
     assert verdict_of(explanation, held_out) == expected

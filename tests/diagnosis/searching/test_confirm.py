@@ -22,7 +22,7 @@ def attempt(names, misfit, structural=False):
     return one
 
 
-def confirmed(monkeypatch, attempts, following, late=False, nominal=9.0):
+def confirmed(monkeypatch, attempts, following, late=False, nominal=9.0, at_last=False):
     """The best misfit, rounds and what is refitted where following anew gives these, one after another."""
     refitted, left = [], list(following)
     explanation = Explanation(attempt([], nominal), list(attempts))
@@ -37,7 +37,7 @@ def confirmed(monkeypatch, attempts, following, late=False, nominal=9.0):
         refit=lambda _, held, *__, **___: refitted.append(held[0].name),
         setting=SimpleNamespace(with_clearance=lambda _: None),
     )
-    confirm(search, explanation)
+    confirm(search, explanation, at_last)
     return explanation.best.misfit, len(following) - len(left), refitted
 
 
@@ -73,6 +73,11 @@ def test_names_that_explain_as_well_are_fitted_on_the_better_paths_too(monkeypat
 )
 def test_what_else_is_not_followed_anew(monkeypatch, best, late, nominal):
     assert confirmed(monkeypatch, [best], [0.5], late, nominal)[1] == 0
+
+
+def test_what_leaves_more_than_right_effects_do_is_followed_anew_at_last(monkeypatch):
+    best = [attempt(["gravity"], 1.25)]
+    assert confirmed(monkeypatch, best, [1.0, 1.0], at_last=True)[:2] == (1.0, 2)
 
 
 @pytest.mark.parametrize("though_explained", [False, True])

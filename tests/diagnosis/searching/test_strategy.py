@@ -119,7 +119,7 @@ def test_effects_that_explain_less_than_right_ones_are_looked_beside(monkeypatch
         "begin_shaking", "_search_all", "enlarge", "sharpen", "scrutinise", "retry_nominal", "contest",
         "confirm", "prune",
     ):  # fmt: skip
-        monkeypatch.setattr(strategy + name, lambda *_: None)
+        monkeypatch.setattr(strategy + name, lambda *_, **__: None)
     beside = []
     monkeypatch.setattr(
         strategy + "begin_elsewhere", lambda _, __, base: beside.extend(h.name for h in base.hypotheses)
