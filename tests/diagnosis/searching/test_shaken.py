@@ -1,0 +1,51 @@
+"""A frame that its sensors feel shaking, and what is looked for beside it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.shaken import begin_frame
+from tests.diagnosis.judging.test_verdict import attempt
+
+
+@pytest.mark.parametrize("at_a", [True, False])
+def test_rails_are_looked_for_on_a_frame_that_sensors_at_a_measure(monkeypatch, at_a):
+    names = ("damping_ratio", "frequency", "mass")
+    frame = SimpleNamespace(
+        name="flexible_base", unknowns=[SimpleNamespace(name=n, low=0.0, high=1e3) for n in names],
+        structural=lambda _: True, apply=lambda machine, _: machine,
+    )  # fmt: skip
+    machine = SimpleNamespace(parameters=lambda: None)
+    setting = SimpleNamespace(machine=machine, with_clearance=lambda _: machine)
+    search = SimpleNamespace(
+        groups={"frame": [frame]}, setting=setting, workers=1, report=lambda _: None, late=lambda: False,
+        recordings=["one"], alignments=[SimpleNamespace(angle=0.0, speed=70.0)],
+    )  # fmt: skip
+    looked, tried = [], []
+    module = "clearance.diagnosis.searching.shaken."
+    monkeypatch.setattr(module + "shakes", lambda *_: at_a)
+    monkeypatch.setattr(module + "sways", lambda *_: True)
+    for name in ("measure_frame", "find_frame"):
+        monkeypatch.setattr(module + name, lambda *_: np.array([54.0, 0.01, 12.0]))
+    monkeypatch.setattr(module + "profile", lambda *_: SimpleNamespace(best=1e-4))
+    monkeypatch.setattr(module + "fit_from", lambda *_, **__: None)
+    monkeypatch.setattr(module + "replace", lambda setting, **_: setting)
+    monkeypatch.setattr(module + "_forces_on", lambda *_: tried.append("forces") or [])
+    monkeypatch.setattr(module + "suggest_dimensions", lambda *_: [])
+
+    def begin_guide(search, explanation, shown):
+        looked.append(shown)
+        explanation.rails = "rails"
+
+    monkeypatch.setattr(module + "begin_guide", begin_guide)
+    begin_frame(search, Explanation(attempt([], 50.0)))
+    assert tried == ([] if at_a else ["forces"])
+    if at_a:
+        (shown,) = looked
+        assert shown.hypotheses == (frame,)
+        np.testing.assert_allclose(shown.sizes, [0.01, 54.0, 12.0])
+        np.testing.assert_allclose(shown.deviations, [4e-3, 0.54, 0.24])  # the damping is never so sure
+    else:
+        assert looked == []
