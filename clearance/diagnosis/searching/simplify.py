@@ -80,10 +80,11 @@ def retry_nominal(search: Search, explanation: Explanation) -> None:
     """Fit a nominal machine that explains once more on the path of what explains more.
 
     What looked torn beside it may have been a path in another minimum, which an effect was the way out of.
-    Its sizes are led back to "off" step by step while clearance and path follow.
+    Its sizes are led back to "off" step by step while clearance and path follow. So is a nominal machine that
+    was lost, where what explains may as well be off: it was only another way onto the path.
     """
     best, nominal, machine = explanation.best, explanation.nominal, search.setting.with_clearance(3e-4)
-    if not (best.hypotheses and explained(nominal)) or search.late():
+    if not best.hypotheses or not (explained(nominal) or _idle(best)) or search.late():
         return
     if any(hypothesis.structural(machine) for hypothesis in best.hypotheses):
         return  # a path with other coordinates is no beginning
@@ -102,6 +103,16 @@ def retry_nominal(search: Search, explanation: Explanation) -> None:
     explanation.nominal = found
     explanation.hints = screen(found, search.others(found), search.workers).singles
     search.report(f"nominal, on the path of {best.label}: misfit {found.misfit:.3g}")
+
+
+def _idle(best: Attempt) -> bool:
+    """Whether an attempt explains and every size of its effects may as well be off."""
+    off = np.concatenate([hypothesis.off for hypothesis in best.hypotheses])
+    sizes = ~np.concatenate([hypothesis.shapes for hypothesis in best.hypotheses])
+    shared = best.model.shared
+    apart = np.abs(best.fit.values[0, 1:shared] - off)
+    near = apart <= _SURELY * deviations(best.fit)[1:shared]
+    return bool(explained(best) and near[sizes].all())
 
 
 def _led_back(best: Attempt, workers: int) -> tuple[list[Follower], np.ndarray]:

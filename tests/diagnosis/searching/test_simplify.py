@@ -84,6 +84,15 @@ def retried(monkeypatch, nominal, best, again, gain):
     return explanation
 
 
+@pytest.mark.parametrize(("unsure", "expected"), [(2.0, 1.01), (0.1, 40.0)])
+def test_a_nominal_machine_that_was_lost_is_fitted_where_an_effect_that_may_as_well_be_off_led(
+    monkeypatch, unsure, expected
+):
+    """The effect's size is 1, and off is 0: with a small deviation it is there."""
+    monkeypatch.setattr(simplify, "deviations", lambda fit: np.array([1e-6, unsure]))
+    assert retried(monkeypatch, 40.0, fitted(["gravity"], 1.0), 1.01, 5.0).nominal.misfit == expected
+
+
 def variant(*names):
     unknowns = tuple(SimpleNamespace(name=name, low=-1e6, high=1e6) for name in names)
     return SimpleNamespace(
@@ -132,6 +141,7 @@ def test_nothing_is_missing_where_the_nominal_machine_does_as_well_on_that_path(
     [(40.0, fitted(["restitution"], 1.0)), (1.1, fitted(["second_clearance"], 1.0, structural=True))],
 )
 def test_the_nominal_machine_keeps_its_own_path_where_another_is_no_beginning(monkeypatch, nominal, best):
+    monkeypatch.setattr(simplify, "deviations", lambda fit: np.array([1e-6, 0.1]))  # it is surely there
     explanation = retried(monkeypatch, nominal, best, 1.0, 9.0)
     assert explanation.nominal.misfit == nominal
     assert [hint.gain for hint in explanation.hints] == [80.0]
