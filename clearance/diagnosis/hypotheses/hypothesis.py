@@ -166,6 +166,15 @@ def at_pace(machine: SliderCrank, rate_error: float) -> SliderCrank:
     return replace(machine, drive=drive, **joints)
 
 
+def _with_effects(machine: SliderCrank, hypotheses: Sequence[Hypothesis], values: np.ndarray) -> SliderCrank:
+    place = 0
+    for hypothesis in hypotheses:
+        count = len(hypothesis.unknowns)
+        machine = hypothesis.apply(machine, values[place : place + count])
+        place += count
+    return machine
+
+
 @dataclass(frozen=True)
 class Setting:
     """The nominal machine and what is always unknown about it.
@@ -183,6 +192,10 @@ class Setting:
         key = "joint_b" if self.joint == "B" else "joint_c"
         return replace(self.machine, **{key: replace(getattr(self.machine, key), clearance=float(clearance))})
 
+    def added(self, hypotheses: Sequence[Hypothesis], values: np.ndarray) -> "Setting":
+        """The setting whose nominal machine has effects, with all their parameters' values."""
+        return replace(self, machine=_with_effects(self.machine, hypotheses, values))
+
     def model(self, hypotheses: Sequence[Hypothesis] = ()) -> Model:
         """Unknowns: the clearance, the hypotheses' parameters, each recording's speed [rpm]."""
         unknowns = (
@@ -192,11 +205,7 @@ class Setting:
         )
 
         def build(values: np.ndarray) -> SliderCrank:
-            machine, place = self.with_clearance(values[0]), 1
-            for hypothesis in hypotheses:
-                count = len(hypothesis.unknowns)
-                machine = hypothesis.apply(machine, values[place : place + count])
-                place += count
+            machine = _with_effects(self.with_clearance(values[0]), hypotheses, values[1:])
             drive = machine.drive
             assert isinstance(drive, Drive)
             return replace(machine, drive=settled(drive.at_speed(float(values[-1]))))

@@ -22,7 +22,7 @@ from clearance.diagnosis.hypotheses.free_form import (
     curve_over,
 )
 from clearance.diagnosis.kinematics.regression import cost_of, regressed
-from clearance.diagnosis.kinematics.turning import tilt
+from clearance.diagnosis.kinematics.rigid_motion import tilt
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.diagnosis.shooting.stretch import INPUTS, Comparison, Pass
@@ -91,7 +91,7 @@ def arguments_along(
     signals = one.signals[EDGE:-EDGE, one.signals.shape[1] // 2]
     return {
         "crank_angle": signals[:, Signal.CRANK_ANGLE] % (2.0 * np.pi),
-        "rod_angle": tilt(machine, signals[:, Signal.CRANK_ANGLE]),
+        "rod_angle": tilt(machine.parameters(), signals[:, Signal.CRANK_ANGLE]),
         "slider_position": signals[:, Signal.SLIDER_POSITION],
         "slider_velocity": signals[:, Signal.SLIDER_VELOCITY],
         "contact_force": one.contacts[EDGE:-EDGE, :, 1 if joint == "B" else 3].mean(axis=1),

@@ -43,6 +43,17 @@ _FORCE_B = float(Argument.FORCE_B)  # of the arguments from here on the motion k
 ))  # fmt: skip
 
 
+def tilt(p: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Angle of an ideal machine's rod at angles of its crank, both from the x axis [rad].
+
+    Args:
+        p: (PARAMETERS,) of the machine.
+        angle: any shape.
+    """
+    length = p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]
+    return np.arcsin((p[Parameter.GUIDE_OFFSET] - p[Parameter.CRANK_LENGTH] * np.sin(angle)) / length)
+
+
 @dataclass(frozen=True)
 class Felt:
     """What belongs to a motion.

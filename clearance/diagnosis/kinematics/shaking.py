@@ -17,6 +17,7 @@ from scipy.signal import bilinear, lfilter
 
 from clearance.diagnosis.kinematics.regression import cost_of, regressed, scatter_of
 from clearance.diagnosis.kinematics.rhythm import Needed, Rhythm, find_rhythm
+from clearance.diagnosis.kinematics.rigid_motion import tilt
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.mechanism.applied_force import shares
 from clearance.mechanism.frame import FlexibleFrame
@@ -242,7 +243,7 @@ def _balance(
     p = machine.parameters()
     values, rate = one.values.reshape(-1, len(one.channels)), one.chain.rate
     crank = angle + speed * np.arange(len(values)) / rate
-    rod = np.arcsin((machine.guide_offset - machine.crank.length * np.sin(crank)) / machine.rod.length)
+    rod = tilt(p, crank)
 
     def weighed(link: Link, near: np.ndarray, far: np.ndarray, at: np.ndarray) -> np.ndarray:
         """(samples,) mass times the acceleration of its centre, from that of two places on it."""

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import bilinear, lfilter
 
+from clearance.diagnosis.kinematics.rigid_motion import tilt
 from clearance.diagnosis.kinematics.shaking import felt
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.mechanism.applied_force import Argument, looked_up
@@ -59,8 +60,7 @@ class Swaying:
         """From a recording with the channels of ``NEEDED``; ``p`` are the machine's parameters."""
         values, rate = one.values.reshape(-1, len(one.channels)), one.chain.rate
         turned = angle + speed * np.arange(len(values)) / rate
-        length = p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]
-        rod = np.arcsin((p[Parameter.GUIDE_OFFSET] - p[Parameter.CRANK_LENGTH] * np.sin(turned)) / length)
+        rod = tilt(p, turned)
 
         end = felt(one, "crank_b", turned)
         near, far = felt(one, "rod_b", rod), felt(one, "rod_c", rod)

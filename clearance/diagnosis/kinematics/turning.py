@@ -9,6 +9,7 @@ import numpy as np
 
 from clearance.compilation import entry
 from clearance.diagnosis.kinematics.reconstruction import Reconstruction
+from clearance.diagnosis.kinematics.rigid_motion import tilt
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.mechanism.applied_force import CONSTANTS
 from clearance.mechanism.parameters import Family, Parameter
@@ -114,22 +115,11 @@ def accelerate(
             out[begin + lane] = r[Result.CRANK, lane]
 
 
-def tilt(machine: SliderCrank, angle: np.ndarray) -> np.ndarray:
-    """Angle of an ideal machine's rod at angles of its crank, both from the x axis [rad]."""
-    return np.arcsin(_sine(machine.parameters(), angle))
-
-
-def _sine(p: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    length = p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]
-    sine: np.ndarray = (p[Parameter.GUIDE_OFFSET] - p[Parameter.CRANK_LENGTH] * np.sin(angle)) / length
-    return sine
-
-
 def _ideal(p: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Position of an ideal machine's slider [m], and its change by the crank's angle [m/rad]."""
     length = p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]
-    crank, sine = p[Parameter.CRANK_LENGTH], _sine(p, angle)
-    cosine = np.sqrt(1.0 - sine**2)
+    crank, rod = p[Parameter.CRANK_LENGTH], tilt(p, angle)
+    sine, cosine = np.sin(rod), np.cos(rod)
     swing = -crank * np.cos(angle) / (length * cosine)
     place = crank * np.cos(angle) + length * cosine
     return place, -crank * np.sin(angle) - length * sine * swing

@@ -1,7 +1,6 @@
 """Effects at which the motion alone points: forces that its work needs, dimensions, lobes of a bearing."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -138,12 +137,8 @@ def begin_beside(search: Search, explanation: Explanation, base: Attempt) -> Non
     """Fit a force that the balance of work names beside effects that explain a part and are not near."""
     if base.misfit < NEARLY or any(hypothesis.fault is not None for hypothesis in base.hypotheses):
         return
-    machine, place = search.setting.machine, 1
-    for hypothesis in base.hypotheses:
-        count = len(hypothesis.unknowns)
-        machine = hypothesis.apply(machine, base.fit.values[0, place : place + count])
-        place += count
-    setting, sizes = replace(search.setting, machine=machine), base.fit.values[0, 1 : base.model.shared]
+    sizes = base.fit.values[0, 1 : base.model.shared]
+    setting = search.setting.added(base.hypotheses, sizes)
     try:
         suggested = suggest_forces(search, setting, search.profile.best, named=True)
     except (InputError, np.linalg.LinAlgError):
@@ -190,7 +185,7 @@ def begin_dimensions(search: Search, explanation: Explanation, channels: Mapping
             more, clearance = part.hypotheses, one.clearance
             values = part.fit.values[0, 1 : part.model.shared]
         else:
-            setting = replace(search.setting, machine=one.hypothesis.apply(search.setting.machine, size))
+            setting = search.setting.added([one.hypothesis], size)
             try:
                 suggested = suggest_forces(search, setting, one.clearance, named=True)
                 if suggested is None or not suggested.forces:

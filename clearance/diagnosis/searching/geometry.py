@@ -9,12 +9,12 @@ fault a third is left, without another one two thirds.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.kinematics.agreement import COMPARED, Alignment, Profile, agreement, loose, profile
 from clearance.diagnosis.kinematics.lift import measure_gap, suggest_gap
 from clearance.diagnosis.kinematics.reconstruction import Reconstruction, reconstruct
@@ -80,15 +80,6 @@ class Shown:
     def nothing(search: Search) -> "Shown":
         """The nominal machine."""
         return Shown((), np.zeros(0), np.zeros(0), search.profile)
-
-    def added_to(self, setting: Setting) -> Setting:
-        """The setting of a machine with these effects."""
-        machine, place = setting.machine, 0
-        for hypothesis in self.hypotheses:
-            count = len(hypothesis.unknowns)
-            machine = hypothesis.apply(machine, self.sizes[place : place + count])
-            place += count
-        return replace(setting, machine=machine)
 
 
 def suggest_channels(search: Search) -> dict[str, float]:
@@ -157,7 +148,7 @@ def suggest_guide(search: Search, shown: Shown) -> Dimension | None:
     recordings, alignments, workers = search.recordings, search.alignments, search.workers
     if hypothesis is None:
         return None
-    setting = shown.added_to(search.setting)
+    setting = search.setting.added(shown.hypotheses, shown.sizes)
     nominal = setting.with_clearance(shown.profile.best)
     paths = [_compared(one, known, nominal) for one, known in zip(recordings, alignments, strict=True)]
     sigma = max(path.doubt for path in paths)
@@ -190,7 +181,7 @@ def measure_rails(search: Search, guide: Dimension, shown: Shown) -> Rails:
         guide: of ``suggest_guide``.
         shown: likewise.
     """
-    setting = shown.added_to(search.setting)
+    setting = search.setting.added(shown.hypotheses, shown.sizes)
     machine = guide.hypothesis.apply(setting.with_clearance(guide.clearance), np.array([guide.value]))
     gaps, weights = [], []
     for one, known in zip(search.recordings, search.alignments, strict=True):

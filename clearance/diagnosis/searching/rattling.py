@@ -28,6 +28,7 @@ from clearance.diagnosis.following.horizon import step
 from clearance.diagnosis.following.particles import Found, ways_on
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.kinematics.shaking import LIFTED
 from clearance.diagnosis.searching.beside import beside
 from clearance.diagnosis.searching.explanation import Explanation, Rails
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE, Shown, measure_rails, suggest_guide
@@ -40,7 +41,6 @@ from clearance.errors import InputError
 _GAPS = (1.0, 0.95, 1.05, 0.9, 1.1)  # times that which the motion shows
 _MOTION, _KNOWN = (0.01, 0.05), (0.001, 0.003)
 """Standard deviations of clearance and gap, as shares of them: from the motion, from another recording."""
-_HEIGHT = "slider_vertical"  # the sensor that feels the slider rise from its guide
 _GAP = 1  # its place among the unknowns
 _ISLANDS = 8  # of a recording that are tried
 _LIKELY = 10.0  # doubt up to which an island may be right
@@ -71,7 +71,7 @@ def begin_guide(search: Search, explanation: Explanation, shown: Shown | None = 
         one = suggest_guide(search, shown)
         if one is None:
             return
-        if all(_HEIGHT in recording.channels for recording in search.recordings):
+        if all(LIFTED in recording.channels for recording in search.recordings):
             explanation.rails = measure_rails(search, one, shown)
     except np.linalg.LinAlgError:
         return

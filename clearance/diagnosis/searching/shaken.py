@@ -64,7 +64,7 @@ def begin_frame(search: Search, explanation: Explanation) -> None:
         begin_guide(search, explanation, Shown((hypothesis,), sizes, _doubts(hypothesis, sizes), against))
     if explained(explanation.best) or explanation.rails is not None or search.late():
         return
-    setting = replace(search.setting, machine=hypothesis.apply(known, sizes))
+    setting = search.setting.added([hypothesis], sizes)
     for force in _forces_on(search, setting, against.best):
         both, values = [hypothesis, *force.hypotheses], np.append(sizes, force.values)
         fit_from(search, explanation, nominal, both, values, force.clearance, anew=True)

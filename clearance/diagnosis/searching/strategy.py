@@ -171,7 +171,7 @@ def _search_all(
     def joint() -> None:
         if settled(search, explanation, nominal):
             return
-        if not (explanation.shut(nominal) or settled(search, explanation, nominal)):
+        if not explanation.shut(nominal):
             begin_inside(search, explanation)
         for channel in accused():
             if channel not in deafened and not settled(search, explanation, nominal):

@@ -18,8 +18,8 @@ from clearance.diagnosis.kinematics.agreement import loose
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.diagnosis.kinematics.regression import cost_of, regressed, scatter_of
 from clearance.diagnosis.kinematics.rhythm import Needed, Rhythm, find_rhythm
-from clearance.diagnosis.kinematics.rigid_motion import counts
-from clearance.diagnosis.kinematics.turning import Turning, answer, binned, tilt
+from clearance.diagnosis.kinematics.rigid_motion import counts, tilt
+from clearance.diagnosis.kinematics.turning import Turning, answer, binned
 from clearance.diagnosis.searching.edges import EDGED
 from clearance.diagnosis.searching.search import Search
 from clearance.errors import InputError
@@ -177,7 +177,7 @@ class Balance:
         arguments = {
             "crank_angle": np.concatenate([turning.angle % (2.0 * pi) for turning in self.turnings]),
             "rod_angle": np.concatenate(
-                [tilt(self.setting.machine, turning.angle) for turning in self.turnings]
+                [tilt(self.setting.machine.parameters(), turning.angle) for turning in self.turnings]
             ),
             "slider_position": np.concatenate([turning.place for turning in self.turnings]),
             "slider_velocity": np.concatenate([turning.slide * turning.speed for turning in self.turnings]),

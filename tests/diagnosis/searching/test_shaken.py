@@ -18,7 +18,7 @@ def test_rails_are_looked_for_on_a_frame_that_sensors_at_a_measure(monkeypatch, 
         structural=lambda _: True, apply=lambda machine, _: machine,
     )  # fmt: skip
     machine = SimpleNamespace(parameters=lambda: None)
-    setting = SimpleNamespace(machine=machine, with_clearance=lambda _: machine)
+    setting = SimpleNamespace(machine=machine, with_clearance=lambda _: machine, added=lambda *_: setting)
     search = SimpleNamespace(
         groups={"frame": [frame]}, setting=setting, workers=1, report=lambda _: None, late=lambda: False,
         recordings=["one"], alignments=[SimpleNamespace(angle=0.0, speed=70.0)],
@@ -31,7 +31,6 @@ def test_rails_are_looked_for_on_a_frame_that_sensors_at_a_measure(monkeypatch, 
         monkeypatch.setattr(module + name, lambda *_: np.array([54.0, 0.01, 12.0]))
     monkeypatch.setattr(module + "profile", lambda *_: SimpleNamespace(best=1e-4))
     monkeypatch.setattr(module + "fit_from", lambda *_, **__: None)
-    monkeypatch.setattr(module + "replace", lambda setting, **_: setting)
     monkeypatch.setattr(module + "_forces_on", lambda *_: tried.append("forces") or [])
     monkeypatch.setattr(module + "suggest_dimensions", lambda *_: [])
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.hypotheses.free_form import arguments_of
-from clearance.diagnosis.kinematics.turning import tilt
+from clearance.diagnosis.kinematics.rigid_motion import tilt
 from tests.diagnosis.kinematics.test_reconstruction import machine
 from tests.simulation.scipy_model import ideal_kinematics
 
@@ -15,7 +15,7 @@ from tests.simulation.scipy_model import ideal_kinematics
 def test_the_rod_turns_as_in_closed_form(offset):
     one, angle = replace(machine("C", 1e-4), guide_offset=offset), np.linspace(-3.0, 9.0, 50)
     exact = ideal_kinematics(angle, 1.0, 0.0, offset=offset)["rod_angle"]
-    np.testing.assert_allclose(tilt(one, angle), exact, atol=1e-12)
+    np.testing.assert_allclose(tilt(one.parameters(), angle), exact, atol=1e-12)
 
 
 def test_how_the_rod_is_turned_is_the_place_of_the_rod_alone():
