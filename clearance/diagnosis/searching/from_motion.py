@@ -1,6 +1,6 @@
 """Effects at which the motion alone points: forces that its work needs, dimensions, lobes of a bearing."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from clearance.diagnosis.searching.elsewhere import begin_again
 from clearance.diagnosis.searching.everywhere import fit_from
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import refine_table
-from clearance.diagnosis.searching.geometry import suggest_clock, suggest_dimensions
+from clearance.diagnosis.searching.geometry import Dimension, suggest_clock
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.wear import suggest_wear
 from clearance.diagnosis.searching.work import Balanced
@@ -22,6 +22,9 @@ from clearance.errors import InputError
 _BESIDE = 2  # forces that are tried beside a part
 _FITTED, _PAIRS = 3, 5  # of the names that are suggested, of the tables too, and of pairs
 _CLEARLY = 0.1  # of what any other leaves of the imbalance: that effect is there, alone or as one of two
+_TOGETHER = 0.75  # of the price of any effect alone: two that cost less come before tables
+_ALIKE = 1.1  # times the price of the best two: others are tried as well
+_DISPLACED = 0.3  # of the disagreement: a dimension with which less is left is looked at before any force
 _NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
 
 
@@ -44,7 +47,8 @@ def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[
         for one in suggested.forces
         if len(one.hypotheses) == 1 and one.curve is None
     ]
-    nearly = False
+    nearly, pairs = False, suggested.pairs
+    together = _clear_pairs(suggested) if most > 1 else []
     # one variant of each effect, one argument of a force without a name
     known: dict[bool, list[set[str]]] = {True: [], False: []}
     for one in suggested.forces:
@@ -55,6 +59,11 @@ def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[
         if names in alike or len(alike) == _FITTED:
             continue
         alike.append(names)
+        if one.curve is not None and together:
+            begin_pairs(search, explanation, together)
+            pairs, together = [pair for pair in pairs if not any(pair is tried for tried in together)], []
+            if explanation.best.misfit < _NEARLY_ALL * nominal.misfit or search.late():
+                return pairs
         found, table = _follow_table(search, explanation, one)
         if found is not None and table is not None and len(table.knots) <= KNOTS and not explained(found):
             refine_table(search, explanation, table, found)
@@ -62,19 +71,33 @@ def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[
         if explained(explanation.best) or nearly or search.late():
             break
         if most > 1 and _clear(one, suggested):
-            own = [p for p in suggested.pairs if any(same(h, one.hypotheses[0]) for h in p.hypotheses)]
+            own = [p for p in pairs if any(same(h, one.hypotheses[0]) for h in p.hypotheses)]
             begin_pairs(search, explanation, own)
             if explanation.best is not nominal or search.late():
-                return [p for p in suggested.pairs if not any(p is tried for tried in own)]
+                return [p for p in pairs if not any(p is tried for tried in own)]
         best = explanation.best
         named = bool(best.hypotheses) and unnamed(best.hypotheses) is None
         if one.curve is not None and named and best.misfit < SHARED * nominal.misfit:
-            return suggested.pairs  # no table says more than a name does: it is one of two, or all there is
+            return pairs  # no table says more than a name does: it is one of two, or all there is
     if suggested.weak is not None and not (explained(explanation.best) or nearly or search.late()):
         found, table = _follow_table(search, explanation, suggested.weak)
         if found is not None and table is not None and not explained(found):
             refine_table(search, explanation, table, found)
-    return suggested.pairs
+    return pairs
+
+
+def _clear_pairs(suggested: Suggested) -> list[Balanced]:
+    """Two effects that give what is needed clearly better than any alone, and better than a table does."""
+
+    def cheapest(some: Iterable[Balanced]) -> float:
+        return min((one.price for one in some), default=np.inf)
+
+    alone = cheapest(o for o in suggested.forces if len(o.hypotheses) == 1 and o.curve is None)
+    table = cheapest(o for o in suggested.forces if o.curve is not None)
+    best = cheapest(suggested.pairs)
+    if not best < min(_TOGETHER * alone, table):
+        return []
+    return [pair for pair in suggested.pairs if pair.price < _ALIKE * best]
 
 
 def _clear(one: Balanced, suggested: Suggested) -> bool:
@@ -153,6 +176,48 @@ def begin_beside(search: Search, explanation: Explanation, base: Attempt) -> Non
             return
 
 
+def begin_displaced(
+    search: Search, explanation: Explanation, dimensions: Sequence[Dimension]
+) -> Dimension | None:
+    """Fit a dimension without which the motion hardly agrees, first with what the work then lacks.
+
+    Beside a wrong one the motion shows a clearance that is far off, and the balance of work other forces.
+
+    Args:
+        search: after its nominal stage.
+        explanation: added to.
+        dimensions: of ``suggest_dimensions``.
+
+    Returns:
+        The one that was tried, if one was.
+    """
+    one = next((one for one in dimensions if one.hypothesis.fault is None), None)
+    if one is None or one.share > _DISPLACED:
+        return None
+    nominal, size = explanation.nominal, np.array([one.value])
+    force = _beside_dimension(search, one)
+    if force is not None:
+        sizes = np.append(size, force.values)
+        held = [one.hypothesis, *force.hypotheses]
+        found = fit_from(search, explanation, nominal, held, sizes, force.clearance, anew=True)
+        if (found is not None and found.misfit < _NEARLY_ALL * nominal.misfit) or search.late():
+            return one
+    fit_from(search, explanation, nominal, [one.hypothesis], size, one.clearance, anew=False)
+    return one
+
+
+def _beside_dimension(search: Search, one: Dimension) -> Balanced | None:
+    """What the balance of work lacks in a machine with another dimension, if it can be settled with it."""
+    setting = search.setting.added([one.hypothesis], np.array([one.value]))
+    try:
+        suggested = suggest_forces(search, setting, one.clearance, named=True)
+        if suggested is None or not suggested.forces:
+            return None
+        return settle_in(search, setting, suggested.forces[0])
+    except (InputError, np.linalg.LinAlgError):
+        return None
+
+
 def begin_clock(search: Search, explanation: Explanation) -> None:
     """Fit a recorder's clock that the motion surely accuses, on paths sought anew by the right one."""
     one = suggest_clock(search)
@@ -161,7 +226,7 @@ def begin_clock(search: Search, explanation: Explanation) -> None:
         fit_from(search, explanation, explanation.nominal, [one.hypothesis], size, one.clearance, anew=True)
 
 
-def begin_dimensions(search: Search, explanation: Explanation, channels: Mapping[str, float]) -> None:
+def begin_dimensions(search: Search, explanation: Explanation, dimensions: Sequence[Dimension]) -> None:
     """Fit dimensions and faults with which the motion alone agrees better, on paths that are sought anew.
 
     Beside a dimension that does not explain all, with the best of what was found before, or with a force that
@@ -170,10 +235,10 @@ def begin_dimensions(search: Search, explanation: Explanation, channels: Mapping
     Args:
         search: after its nominal stage.
         explanation: added to.
-        channels: as of ``suggest_dimensions``.
+        dimensions: of ``suggest_dimensions``.
     """
     nominal, part = explanation.nominal, explanation.best
-    for one in suggest_dimensions(search, channels):
+    for one in dimensions:
         size = np.array([one.value])
         fit_from(search, explanation, nominal, [one.hypothesis], size, one.clearance, anew=False)
         if explained(explanation.best) or search.late():
@@ -185,13 +250,8 @@ def begin_dimensions(search: Search, explanation: Explanation, channels: Mapping
             more, clearance = part.hypotheses, one.clearance
             values = part.fit.values[0, 1 : part.model.shared]
         else:
-            setting = search.setting.added([one.hypothesis], size)
-            try:
-                suggested = suggest_forces(search, setting, one.clearance, named=True)
-                if suggested is None or not suggested.forces:
-                    continue
-                force = settle_in(search, setting, suggested.forces[0])
-            except (InputError, np.linalg.LinAlgError):
+            force = _beside_dimension(search, one)
+            if force is None:
                 continue
             more, values, clearance = force.hypotheses, force.values, force.clearance
         sizes = np.append(size, values)

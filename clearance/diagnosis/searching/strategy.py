@@ -24,10 +24,17 @@ from clearance.diagnosis.searching.from_motion import (
     begin_beside,
     begin_clock,
     begin_dimensions,
+    begin_displaced,
     begin_pairs,
     begin_wear,
 )
-from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE, suggest_channels
+from clearance.diagnosis.searching.geometry import (
+    GEOMETRIC,
+    LOOSE_GUIDE,
+    Dimension,
+    suggest_channels,
+    suggest_dimensions,
+)
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.scrutiny import contest, hear, scrutinise
 from clearance.diagnosis.searching.search import Search
@@ -53,26 +60,26 @@ def find_explanation(
 ) -> None:
     """Find what explains the recordings, with as few effects as it takes.
 
-    A frame that its sensors feel shaking comes first, then a recorder's clock by which the motion agrees
-    much better, and a sensor that alone contradicts the nominal machine, or the motion. Where the path is
-    not near, effects follow that give the torque which the motion needs. Then single effects that promise
-    much of what is missing; dimensions that the motion alone points at; where the path is near, a force of
-    free form; what acts inside the joint, from plausible sizes, and faulty sensors that the motion points
-    at; where the path is near, what gives the torque that the motion needs; where no force gives it, a worn
-    bearing, and where the path is far, effects that no linear look can judge; effects and faults that
-    promise a good part; in the place of one that explains half, a force of free form. Beside one that
-    explains a good part, the next one, and both on paths of their own. Then effects that promised little,
-    since beside a path that is far from right none promises much; forces of free form on the slider, or
-    with which most of one recording is explained; effects that no linear look can judge; faults that
-    promised little; pairs of which neither shows without the other; other tables; the best so far on paths
-    of its own. A table is put to the test against names. Where something is left, a load's edges are looked
-    for along the stroke. Named effects that explain are followed anew. What explains is looked beside for
-    what is small; where effects leave more than right ones do, for others that a linear look cannot judge;
-    where nothing takes away what is too much for a machine with nothing missing, effects that a linear look
-    is sure of, then small forces of free form, then effects that it cannot judge, are tried on paths of
-    their own. What was put together is followed anew. A named force must stand against one of free form in
-    its place. What is not needed is pruned. A nominal machine that explains is fitted on the path of what
-    explains more.
+    A frame that its sensors feel shaking comes first, then what promises most of what is missing beside the
+    nominal path, a recorder's clock by which the motion agrees much better, and a sensor that alone
+    contradicts the nominal machine, or the motion. Where the path is not near, effects follow that give the
+    torque which the motion needs. Then single effects that promise much of what is missing; dimensions that
+    the motion alone points at; where the path is near, a force of free form; what acts inside the joint, from
+    plausible sizes, and faulty sensors that the motion points at; where the path is near, what gives the
+    torque that the motion needs; where no force gives it, a worn bearing, and where the path is far, effects
+    that no linear look can judge; effects and faults that promise a good part; in the place of one that
+    explains half, a force of free form. Beside one that explains a good part, the next one, and both on paths
+    of their own. Then effects that promised little, since beside a path that is far from right none promises
+    much; forces of free form on the slider, or with which most of one recording is explained; effects that no
+    linear look can judge; faults that promised little; pairs of which neither shows without the other; other
+    tables; the best so far on paths of its own. A table is put to the test against names. Where something is
+    left, a load's edges are looked for along the stroke. Named effects that explain are followed anew. What
+    explains is looked beside for what is small; where effects leave more than right ones do, for others that
+    a linear look cannot judge; where nothing takes away what is too much for a machine with nothing missing,
+    effects that a linear look is sure of, then small forces of free form, then effects that it cannot judge,
+    are tried on paths of their own. What was put together is followed anew. A named force must stand against
+    one of free form in its place. What is not needed is pruned. A nominal machine that explains is fitted on
+    the path of what explains more.
 
     Args:
         search: after its nominal stage.
@@ -121,9 +128,12 @@ def _search_all(
     pushed: list[Balanced] = []
     suspicious = cache(lambda: suggest_channels(search))
     deafened: list[str] = []
+    displaced: list[Dimension] = []
 
     def accused() -> dict[str, float]:
         return dict(list(suspicious().items())[:_FAULTS])
+
+    dimensions = cache(lambda: suggest_dimensions(search, accused()))
 
     def frame() -> None:
         begin_frame(search, explanation)
@@ -144,6 +154,10 @@ def _search_all(
         if nominal.misfit > FAR:
             begin_clock(search, explanation)
 
+    def dimension() -> None:
+        if nominal.misfit > FAR and (one := begin_displaced(search, explanation, dimensions())):
+            displaced.append(one)
+
     def balance() -> None:
         if nominal.misfit >= NEARLY:
             pushed.extend(begin_balanced(search, explanation, most))
@@ -158,6 +172,9 @@ def _search_all(
         if nominal.misfit < NEARLY and not settled(search, explanation, nominal):
             pushed.extend(begin_balanced(search, explanation, most))
 
+    def obvious() -> None:
+        widen(search, explanation, nominal, prospects.obvious)
+
     def plain() -> None:
         widen(search, explanation, nominal, prospects.plain)
 
@@ -166,7 +183,9 @@ def _search_all(
             begin_guide(search, explanation)
         if settled(search, explanation, nominal):
             return
-        begin_dimensions(search, explanation, accused())
+        begin_dimensions(
+            search, explanation, [one for one in dimensions() if all(one is not other for other in displaced)]
+        )
 
     def joint() -> None:
         if settled(search, explanation, nominal):
@@ -218,7 +237,7 @@ def _search_all(
             if settled(search, explanation, base):
                 return
             beside = look(search, explanation, base)
-            hopeful = [*beside.plain, *beside.likely]
+            hopeful = beside.promising
             first = list(takewhile(lambda hint: hint.hypotheses[0].name != WORN, hopeful))
             widen(search, explanation, base, first)  # lobes take up much of what promises more than they do
             if len(first) < len(hopeful) and not settled(search, explanation, base):
@@ -261,8 +280,7 @@ def _search_all(
             begin_elsewhere(search, explanation, nominal)
 
     def inside() -> None:
-        promising = [*prospects.plain, *prospects.likely]
-        if explanation.unpushed or any(hint.hypotheses[0].name == WORN for hint in promising):
+        if explanation.unpushed or any(hint.hypotheses[0].name == WORN for hint in prospects.promising):
             begin_wear(search, explanation, nominal)
         if explanation.unpushed and nominal.misfit > FAR and not settled(search, explanation, nominal):
             elsewhere()
@@ -281,7 +299,8 @@ def _search_all(
             begin_again(search, explanation)
 
     steps = (
-        frame, build_on, cushion, clock, sensor, build_on, balance, lead, plain, motion, curve_near, joint,
+        frame, build_on, obvious, build_on, cushion, clock, sensor, build_on, dimension, build_on, balance,
+        lead, plain, motion, curve_near, joint,
         build_on, together, build_on, balance_near, inside, likely, build_on, reshaped, unlikely, build_on,
         curve, elsewhere, build_on, share, unlikely_faults, build_on, pair, build_on, other_curve, again,
         build_on,

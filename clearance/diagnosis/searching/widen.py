@@ -30,7 +30,8 @@ _FITTED = 4  # hypotheses of one screening that are fitted
 _HOPEFUL = 0.1  # of the best one's gain: less is not fitted
 _LITTLE = 1e-3  # misfit above a perfect model's: less is nothing to take shares of
 _LIKELY = 0.04  # of what is missing: effects that were right promised 5 to 90 %, others 0 to 6 %
-_PLAIN = 0.3  # of it: such effects come before anything else
+_OBVIOUS = 0.55  # of it: in five trials what promised that much was right, 20 of 20, however far the path
+_PLAIN = 0.3  # of it: such effects come early
 _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
 _RIVAL = 1.2  # times the misfit of the likeliest fault: on paths that are not final others may be right
@@ -44,16 +45,23 @@ class Prospects:
     """What one look at all hypotheses suggests, most promising ones first.
 
     Attributes:
-        plain: single hypotheses that promise much of what is missing.
+        obvious: the single hypothesis that promises most of what is missing, if one does.
+        plain: others that promise much of it.
         likely: others that promise a good part of it.
         unlikely: others, which promise much less than that.
         pairs: of hypotheses.
     """
 
+    obvious: list[Hint]
     plain: list[Hint]
     likely: list[Hint]
     unlikely: list[Hint]
     pairs: list[Hint]
+
+    @property
+    def promising(self) -> list[Hint]:
+        """Single hypotheses that promise at least a good part of what is missing, the best first."""
+        return [*self.obvious, *self.plain, *self.likely]
 
 
 def look(search: Search, explanation: Explanation, base: Attempt) -> Prospects:
@@ -66,9 +74,11 @@ def look(search: Search, explanation: Explanation, base: Attempt) -> Prospects:
         search.report(f"  {hint.label}: promises {hint.gain / missing:.1%} of what is missing")
     best = found.singles[0].gain if found.singles else 0.0
     hopeful = [_pushed(hint, explanation) for hint in found.singles if hint.gain > _HOPEFUL * best]
-    plain = [hint for hint in hopeful if hint.gain > _PLAIN * missing]
-    likely = [hint for hint in hopeful[len(plain) :] if hint.gain > _LIKELY * missing]
-    return Prospects(plain, likely, hopeful[len(plain) + len(likely) :], found.pairs)
+    obvious = [hint for hint in hopeful[:1] if hint.gain > _OBVIOUS * missing]
+    plain = [hint for hint in hopeful[len(obvious) :] if hint.gain > _PLAIN * missing]
+    promising = sum(hint.gain > _LIKELY * missing for hint in hopeful)
+    likely = hopeful[len(obvious) + len(plain) : promising]
+    return Prospects(obvious, plain, likely, hopeful[promising:], found.pairs)
 
 
 def _pushed(hint: Hint, explanation: Explanation) -> Hint:

@@ -93,6 +93,6 @@ def test_a_hint_begins_where_the_balance_of_work_saw_a_load(monkeypatch):
         others=lambda _: [], setting=SimpleNamespace(joint="C"), workers=1, report=lambda _: None
     )
     prospects = look(search, explanation, base)
-    begun = {hint.label: hint.values for hint in [*prospects.plain, *prospects.likely, *prospects.unlikely]}
+    begun = {hint.label: hint.values for hint in [*prospects.promising, *prospects.unlikely]}
     np.testing.assert_array_equal(begun["load"], seen)
     np.testing.assert_array_equal(begun["spring"], np.zeros(3))
