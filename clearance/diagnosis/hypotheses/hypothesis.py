@@ -20,7 +20,6 @@ SMALLEST_CLEARANCE = 5e-6  # m; below, the joint is as good as ideal
 _STEP = 1e-4  # of a parameter's plausible size, for its derivative
 _REACH = 0.3  # of it: change that a linearisation surely bears
 _SPAN = 0.1  # of its range is plausible where a parameter begins at zero
-_TURN = 0.5  # rad that a phase changes in one step of a fit at most
 _SAMPLES, _RATE = 64, 1e4  # of a recording of nothing, to see whether a fault can be undone at all
 
 
@@ -101,8 +100,12 @@ def of_effect(effect: Effect, machine: SliderCrank, joint: str) -> list[Hypothes
             if parameter.whole:
                 low = high = start[parameter.name]
             size, log = max(size, 1e-3 * abs(start[parameter.name]), 1e-12), parameter.scale == "log"
-            most = _TURN if parameter.unit == "rad" else np.inf
-            unknowns.append(Unknown(parameter.name, _STEP * size, low, high, False, _REACH * size, log, most))
+            unknowns.append(
+                Unknown(
+                    parameter.name, _STEP * size, low, high, reach=_REACH * size, log=log,
+                    turns=parameter.unit == "rad",
+                )
+            )  # fmt: skip
         names = effect.parameters
 
         def apply(

@@ -95,10 +95,14 @@ def _rivals(explanation: Explanation) -> list[Attempt]:
     def places(attempt: Attempt) -> list[str]:
         return sorted(h.channel or h.label for h in attempt.hypotheses)
 
+    def names(attempt: Attempt) -> list[str]:
+        return sorted(h.name for h in attempt.hypotheses)
+
     best = explanation.best
     if not any(h.channel for h in best.hypotheses):
         return []
-    others = (a for a in explanation.standing[1:] if a is not best and explained(a))
+    # the same fault beside other lobes is no rival: both have undone it
+    others = (a for a in explanation.standing[1:] if names(a) != names(best) and explained(a))
     return [best, *(a for a in others if places(a) == places(best))]
 
 

@@ -175,7 +175,7 @@ def settle(
     low = np.array([u.low for u in model.unknowns])
     high = np.array([u.high for u in model.unknowns])
     ratio = np.array([u.log for u in model.unknowns], dtype=bool)
-    widest = np.array([u.most for u in model.unknowns])
+    turning = np.array([u.turns for u in model.unknowns], dtype=bool)
     seen = compare(followers, model, values, workers, **options)
     away = _Leash(model, home)
     cost = sum(c.cost for c in seen) + away.cost(values)
@@ -196,9 +196,9 @@ def settle(
             information, score = assemble(passes, model, values)
             information += np.diag(damping * _stiffness(model, values) + away.weight)
             score -= away.weight * away.distance(values)
-            most = np.where(ratio, share * np.abs(values), widest)
-            lows = flatten(np.maximum(low - values, -most), model)
-            highs = flatten(np.minimum(high - values, most), model)
+            most = np.where(ratio, share * np.abs(values), np.inf)
+            lows = flatten(np.where(turning, -_TURN, np.maximum(low - values, -most)), model)
+            highs = flatten(np.where(turning, _TURN, np.minimum(high - values, most)), model)
             change = spread(solve_bounded(information, score, lows, highs), model, len(followers))
             moved = values + change
             trial = _step(followers, model, values, moved, passes, first, workers, options)
@@ -247,6 +247,7 @@ def settle(
             report(iteration, cost, values)
         if fall < tolerance * cost and settled:
             break
+    values[:, turning] = np.mod(values[:, turning] + np.pi, 2.0 * np.pi) - np.pi
     return Settled(model, values, cost, seen)
 
 
@@ -359,5 +360,6 @@ class _Leash:
 
 
 _EXPECTED = 3.0  # times what the linearisation bears: standard deviation of an unknown from what is expected
+_TURN = 0.5  # rad that an angle changes in one step
 _RATIO = 0.3  # of its value that an unknown which counts by ratios changes in one step
 _REACH = 0.05  # of a parameter's value, where nothing else is said

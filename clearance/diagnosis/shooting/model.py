@@ -22,7 +22,8 @@ class Unknown:
         own: whether each recording has its own value.
         reach: change that the linearisation surely bears; 0: a share of its value.
         log: whether it counts by ratios: one step changes it by a share at most.
-        most: change of one step at most: a small lobe's phase would turn as often as it liked.
+        turns: whether it is an angle [rad], which has no bounds and does not change much in one step: the
+            phase of what is hardly there would turn as often as it liked.
     """
 
     name: str
@@ -32,7 +33,7 @@ class Unknown:
     own: bool = False
     reach: float = 0.0
     log: bool = False
-    most: float = np.inf
+    turns: bool = False
 
 
 @dataclass(frozen=True)

@@ -49,3 +49,12 @@ def test_faults_that_tell_it_as_well_both_stand():
     explanation = Explanation(attempt([], 40.0), both)
     hear(explanation)
     assert not any(one.withdrawn for one in both)
+
+
+def test_the_same_fault_beside_other_lobes_is_no_rival():
+    predicted = np.random.default_rng(3).normal(size=(2000, 2))
+    worse = heard("sensor_gain", 0.95, predicted, predicted, LATE)
+    better = heard("sensor_gain", 1.02, predicted, predicted, Instrument())
+    explanation = Explanation(attempt([], 40.0), [worse, better])
+    hear(explanation)
+    assert explanation.best is worse
