@@ -36,6 +36,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 
 _BALANCED = 3.0  # mean square in units of the scatter up to which nothing need be missing here
 _QUIET = 1.2  # of it: up to which nothing can be told
+_FAINT = 0.05  # of the slider's inertia force: where no less shows beside the scatter, nothing can either
 _TAKEN = 0.12  # of it: what an effect takes away at least for each of its sizes (wrong ones 0.06 for one)
 _FREE = 0.65  # likewise of a force of free form
 _SOME = 0.85  # likewise of one that is tried only where nothing else is near
@@ -59,6 +60,7 @@ class Suggested:
     Attributes:
         forces: effects that leave little of the imbalance, alone or two together, the best first.
         balanced: whether there is none to speak of.
+        blind: whether the scatter would hide a force that matters.
         pairs: two effects that leave less than any alone, the best first.
         weak: the likeliest force without a name, where all of these leave much: impacts hide what is weak.
         lacking: robust mean square of the imbalance, in units of its scatter.
@@ -69,6 +71,7 @@ class Suggested:
     pairs: list[Balanced] = field(default_factory=list)
     weak: Balanced | None = None
     lacking: float = 0.0
+    blind: bool = False
 
 
 def suggest_forces(
@@ -93,6 +96,9 @@ def suggest_forces(
     machine = setting.with_clearance(clearance)
     balance = Balance(search, setting, machine, clearance)
     before = balance.fit((), np.zeros(0)).cost
+    if before < _BALANCED and (least := balance.least(_TAKEN)) > _FAINT * _inertia_force(search, machine):
+        search.report(f"  the balance of work would show no force below {least:.2g} N")
+        return Suggested([], balanced=False, blind=True)
     if before < _QUIET:
         return Suggested([], balanced=True)
     singles = _singles(search, balance, machine)
@@ -119,6 +125,12 @@ def suggest_forces(
     some = [one for one in tables if one.cost < _SOME * before]
     weak = None if any(one.curve for one in found) else min(some, key=lambda one: one.price, default=None)
     return Suggested(found, before < _BALANCED and not found, more, weak, before)
+
+
+def _inertia_force(search: Search, machine: SliderCrank) -> float:
+    """What takes the slider to and fro, about [N]."""
+    speed = min(known.speed for known in search.alignments)
+    return float(machine.slider.mass * machine.crank.length * speed**2)
 
 
 def suggest_names(search: Search, machine: SliderCrank, clearance: float) -> list[Balanced]:

@@ -41,7 +41,8 @@ def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[
         return []
     if suggested is None:
         return []
-    explanation.balanced, explanation.unpushed = suggested.balanced, not suggested.forces
+    explanation.balanced = suggested.balanced
+    explanation.unpushed = not (suggested.forces or suggested.blind)
     explanation.pushes = [
         (one.hypotheses[0], one.values)
         for one in suggested.forces

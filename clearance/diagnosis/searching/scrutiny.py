@@ -16,9 +16,11 @@ from clearance.diagnosis.searching.significance import SURE, margin, unsettled
 from clearance.diagnosis.searching.torn import rejoin_impacts
 from clearance.diagnosis.searching.wear import WORN
 from clearance.diagnosis.searching.widen import kinds
-from clearance.diagnosis.sensing.suspicion import disagreement
+from clearance.diagnosis.sensing.suspicion import disagreement, steady
 
 _FITTED = 4  # hypotheses of one screening that are fitted
+_RIGHT = 1.0  # misfit of what is right, or all but right
+_LESS = 0.5  # of what that has taken: beside it nothing that promises less is tried
 _LOUD = 1.1  # sigma that a channel is off by, where no sensor's fault is to be looked for below
 _LEFT = 0.3  # of it: a fault that is right leaves less
 _RIVAL = 0.5  # of what lobes promise: others that promise less are not tried
@@ -109,15 +111,17 @@ def _rivals(explanation: Explanation) -> list[Attempt]:
 def _heard(attempt: Attempt) -> float:
     """Robust mean square of what instruments make of an attempt's signals, beside the recordings."""
     total, samples = 0.0, 0
+    faulty = next(h.channel for h in attempt.hypotheses if h.channel)
     for follower, row, one in zip(attempt.followers, attempt.fit.values, attempt.fit.passes, strict=True):
         measured = follower.measured
         channels = len(measured.channels)
         told = attempt.model.instrument(row).apply(
             one.predicted.reshape(-1, channels), measured.channels, measured.chain.rate
         )
-        apart = disagreement((told - measured.values.reshape(-1, channels)) / measured.sigma)
-        total += len(told) * float((apart**2).sum())
-        samples += len(told)
+        residuals = (told.reshape(measured.values.shape) - measured.values) / measured.sigma
+        calm = residuals[steady(residuals, measured.channels.index(faulty))].reshape(-1, channels)
+        total += len(calm) * float((disagreement(calm) ** 2).sum())
+        samples += len(calm)
     return total / samples
 
 
@@ -140,7 +144,7 @@ def _compare_orders(search: Search, explanation: Explanation, base: Attempt) -> 
     little of where these are: where the journal touches changes with the lobes.
     """
     added = explanation.best.hypotheses[len(base.hypotheses) :]
-    if len(added) != 1 or added[0].name != WORN or search.late():
+    if len(added) != 1 or added[0].name != WORN or explanation.best.misfit < _RIGHT or search.late():
         return
     worn = [h for group in search.others(base) for h in group if h.name == WORN]
     found = {
@@ -171,12 +175,13 @@ def _misheard(search: Search, base: Attempt) -> list[Hint]:
 
     Where impacts make the signal, one that comes two samples late leaves no slope at no delay.
     """
-    sigma = [follower.measured.sigma for follower in base.followers]
+    measured = base.followers[0].measured
     residuals = np.concatenate([
-        (one.predicted - follower.measured.values).reshape(-1, len(level)) / level
-        for one, follower, level in zip(base.fit.passes, base.followers, sigma, strict=True)
+        (one.predicted - follower.measured.values) / follower.measured.sigma
+        for one, follower in zip(base.fit.passes, base.followers, strict=True)
     ])  # fmt: skip
-    each, measured = disagreement(residuals), base.followers[0].measured
+    calm = [residuals[steady(residuals, i)][..., i].ravel() for i in range(residuals.shape[2])]
+    each = np.array([float(disagreement(one[:, None])[0]) for one in calm])
     each[measured.filtered :] = 0.0
     each[[measured.channels.index(h.channel) for h in base.hypotheses if h.channel]] = 0.0
     loudest = int(np.argmax(each))
@@ -184,7 +189,7 @@ def _misheard(search: Search, base: Attempt) -> list[Hint]:
         return []
     found = kinds(search, base, base.followers, measured.channels[loudest])
     hints = [
-        Hint((hypothesis,), values, len(residuals) * float(each[loudest] ** 2 - misfit**2))
+        Hint((hypothesis,), values, len(calm[loudest]) * float(each[loudest] ** 2 - misfit**2))
         for hypothesis, values, misfit in found[:1]
         if misfit - 1.0 < _LEFT * (each[loudest] - 1.0)  # others take up what a bad impact leaves
     ]
@@ -196,7 +201,9 @@ def _refit(
 ) -> None:
     """Fit on the paths of ``base`` what is small but sure beside it; ``again`` in another shape."""
     for hint in hints[:_FITTED]:
-        if search.late():
+        best = explanation.best
+        taken = explanation.price(base) - explanation.price(best)
+        if search.late() or (best.misfit < _RIGHT and hint.gain < _LESS * taken):
             return
         search.report(f"  {hint.label}: small but sure, {hint.gain:.4g}")
         held, values = beside(base, hint.hypotheses, hint.values)

@@ -22,7 +22,7 @@ from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, beside
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint, screen
 from clearance.diagnosis.searching.search import Search
-from clearance.diagnosis.sensing.suspicion import suspect
+from clearance.diagnosis.sensing.suspicion import steady, suspect
 from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.errors import InputError
 
@@ -166,12 +166,13 @@ def kinds(
         channel: the suspected one.
     """
     measured = hearing[0].measured
-    shape = (-1, len(measured.channels))
+    recorded = np.concatenate([one.measured.values for one in hearing])
+    predicted = np.concatenate([one.predicted for one in base.fit.passes])
+    sigma, shape = np.mean([one.measured.sigma for one in hearing], axis=0), (-1, len(measured.channels))
+    calm = steady((predicted - recorded) / sigma, measured.channels.index(channel))
     suspicions = suspect(  # a limit may be reached at the highest of several speeds alone
-        np.concatenate([one.measured.values.reshape(shape) for one in hearing]),
-        np.concatenate([one.predicted.reshape(shape) for one in base.fit.passes]),
-        list(measured.channels), measured.chain.rate,
-        np.mean([one.measured.sigma for one in hearing], axis=0), channel,
+        recorded.reshape(shape), predicted.reshape(shape), list(measured.channels), measured.chain.rate,
+        sigma, channel, np.repeat(calm, recorded.shape[1]),
     )  # fmt: skip
     known = {(g[0].name, g[0].channel): g[0] for g in search.groups.values()}
     found = []

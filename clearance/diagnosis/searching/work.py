@@ -31,6 +31,7 @@ _ITERATIONS = 12
 _COARSER = 200.0  # times an unknown's step: an edge moves here from sample to sample
 _STRAIGHT = 0.02  # of a change: up to which derivatives that foretold it hold on
 _SETTLED = 1e-3  # share by which the cost still falls
+_STIFF = 0.1  # of what a knot is known by as a rule: below, it lies between its neighbours
 _PRICE, _PRICE_OF_KNOT = 0.04, 0.01  # of what is left, for each size of an effect and each knot of a table
 _UNNAMED = 1.5  # times as much: a spline says nearly all that two names do
 _SAYS = {
@@ -132,6 +133,11 @@ class Balance:
         left = left - offsets @ np.linalg.lstsq(offsets, left, rcond=None)[0]
         ends = np.cumsum([len(part) for part in self.beyond])[:-1]
         self.scatter = scatter_of(np.split(left, ends))
+
+    def least(self, share: float) -> float:
+        """A force on the slider [N] whose work is, as mean square, a share of the scatter's."""
+        slide = np.concatenate([binned(turning.slide) for turning in self.turnings])
+        return float(np.sqrt(share) * self.scatter / np.sqrt(np.mean(slide**2)))
 
     def imitate(self, machine: SliderCrank) -> None:
         """Go on with what another machine would give in the place of what the motion needs."""
@@ -236,27 +242,40 @@ class Balance:
         return [replace(one, fewer=fewer) for one in best]
 
     def _table(self, curve: Curve) -> Balanced | None:
-        """A force of free form from the forces of a curve on."""
-        one = self.tried((free_form(curve, self.setting.joint),), curve.forces)
+        """A force of free form from the forces of a curve on.
+
+        Where a force does no work, at a dead centre, nothing is known of it: its knots there are led by their
+        neighbours, without which one was -384 N where 11 N act.
+        """
+        bends = np.diff(np.eye(len(curve.knots)), 2, axis=0)
+        if curve.repeats:
+            turned = np.eye(len(curve.knots))
+            bends = np.roll(turned, 1, axis=1) - 2.0 * turned + np.roll(turned, -1, axis=1)
+        one = self.tried((free_form(curve, self.setting.joint),), curve.forces, bends)
         if one is None:
             return None
         if curve.body == "crank":  # a constant torque is the drive's
             one = replace(one, values=one.values - one.values.mean())
         return replace(one, curve=replace(curve, forces=one.values))
 
-    def tried(self, hypotheses: tuple[Hypothesis, ...], values: np.ndarray) -> Balanced | None:
+    def tried(
+        self, hypotheses: tuple[Hypothesis, ...], values: np.ndarray, bends: np.ndarray | None = None
+    ) -> Balanced | None:
         """As ``fit``; ``None`` where a law does not take the values."""
         try:
-            return self.fit(hypotheses, values)
+            return self.fit(hypotheses, values, bends)
         except (InputError, np.linalg.LinAlgError):
             return None
 
-    def fit(self, hypotheses: tuple[Hypothesis, ...], values: np.ndarray) -> Balanced:
+    def fit(
+        self, hypotheses: tuple[Hypothesis, ...], values: np.ndarray, bends: np.ndarray | None = None
+    ) -> Balanced:
         """The best sizes of some effects, by Gauss-Newton.
 
         Args:
             hypotheses: effects.
             values: (unknowns,) to begin with.
+            bends: (rows, unknowns) of them that should be small; none if ``None``.
 
         Raises:
             InputError: a law does not take the values.
@@ -284,8 +303,12 @@ class Balance:
                 fresh, share = True, 1.0
             if share == 1.0:
                 steps = self._steps(hypotheses, best, free) if fresh else steps
-                columns = np.column_stack([steps, offsets])
-                change[free] = regressed(columns, before, self.scatter)[: len(free)]
+                columns, lacking = np.column_stack([steps, offsets]), before
+                if bends is not None:
+                    stiff = _STIFF * float(np.median(np.linalg.norm(steps, axis=0))) * bends
+                    bent = np.column_stack([stiff[:, free], np.zeros((len(stiff), offsets.shape[1]))])
+                    columns, lacking = np.vstack([columns, bent]), np.append(lacking, -stiff @ best)
+                change[free] = regressed(columns, lacking, self.scatter)[: len(free)]
             trial = np.clip(best + share * change, low, high)
         return Balanced(hypotheses, best, cost, self.clearance)
 

@@ -26,6 +26,7 @@ from clearance.recording.channels import AXIS_PAIRS
 FloatArray = NDArray[np.float64]
 
 _OUTLIER = 3.0  # sigma from which a residual counts linearly
+_STEADY = 0.9  # of the segments
 _LATEST = 1e-3  # s scanned on both sides of no delay
 _LOWEST = 300.0  # Hz, first resonance scanned
 _DAMPING = (0.02, 0.05, 0.12, 0.3, 0.7)  # ratios scanned
@@ -80,6 +81,7 @@ def suspect(
     rate: float,
     sigma: FloatArray,
     channel: str,
+    kept: NDArray[np.bool_] | slice = slice(None),
 ) -> list[Suspicion]:
     """Each kind of fault of one channel with the values that explain it best, best kind first.
 
@@ -94,6 +96,7 @@ def suspect(
         rate: [Hz].
         sigma: (channels,) standard deviation of the noise.
         channel: the suspected one.
+        kept: (samples,) whether a sample is compared, as of ``steady``; all if left out.
 
     Raises:
         InputError: the channel is not among the channels.
@@ -105,9 +108,10 @@ def suspect(
     recorded, scale = measured[:, column], float(sigma[column])
     found = []
     for kind in _kinds(recorded, predicted, names, rate, column):
-        values, misfit = _fit(kind, recorded, scale)
-        penalty = len(kind.names) * np.log(len(recorded))
-        criterion = 2.0 * len(recorded) * np.log(max(misfit, np.finfo(float).tiny)) + penalty
+        values, misfit = _fit(kind, recorded, scale, kept)
+        count = len(recorded[kept])
+        penalty = len(kind.names) * np.log(count)
+        criterion = 2.0 * count * np.log(max(misfit, np.finfo(float).tiny)) + penalty
         parameters = dict(zip(kind.names, map(float, values), strict=True))
         found.append((criterion, Suspicion(kind.effect, channel, parameters, misfit)))
     return [suspicion for _, suspicion in sorted(found, key=lambda pair: pair[0])]
@@ -117,6 +121,21 @@ def disagreement(residuals: FloatArray) -> FloatArray:
     """(channels,) robust root mean square of (samples, channels) residuals [sigma]."""
     mean: FloatArray = np.mean(2.0 * (np.sqrt(1.0 + (residuals / _OUTLIER) ** 2) - 1.0), axis=0)
     return _OUTLIER * np.sqrt(mean)
+
+
+def steady(residuals: FloatArray, channel: int) -> NDArray[np.bool_]:
+    """(segments,) whether the other channels are not among the loudest tenth there.
+
+    Where an impact was met wrongly every channel is off, and what a sensor does to its signal is not seen.
+
+    Args:
+        residuals: (segments, samples, channels) [sigma].
+        channel: index of the suspected one.
+    """
+    others = np.delete(residuals, channel, axis=2).transpose(1, 0, 2)
+    loud = disagreement(others.reshape(len(others), -1)).reshape(len(residuals), -1).sum(axis=1)
+    calm: NDArray[np.bool_] = loud <= np.quantile(loud, _STEADY)
+    return calm
 
 
 def _kinds(
@@ -192,16 +211,18 @@ def _kinds(
     return kinds
 
 
-def _fit(kind: _Kind, recorded: FloatArray, scale: float) -> tuple[FloatArray, float]:
+def _fit(
+    kind: _Kind, recorded: FloatArray, scale: float, kept: NDArray[np.bool_] | slice
+) -> tuple[FloatArray, float]:
     """(parameters,) that explain a channel best, and the robust root mean square of what remains [sigma]."""
 
     def misfit(values: FloatArray) -> FloatArray:
-        return disagreement((kind.seen(values) - recorded[:, None]) / scale)
+        return disagreement((kind.seen(values) - recorded[:, None])[kept] / scale)
 
     start = kind.scan[int(np.argmin(misfit(kind.scan)))]
     low, high = np.array(kind.low), np.array(kind.high)
     fit = least_squares(
-        lambda values: (kind.seen(values[None])[:, 0] - recorded) / scale,
+        lambda values: (kind.seen(values[None])[:, 0] - recorded)[kept] / scale,
         np.clip(start, low, high),
         bounds=(low, high),
         loss="soft_l1",

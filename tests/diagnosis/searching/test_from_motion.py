@@ -1,6 +1,7 @@
 """What the balance of work points at together: which pairs are followed, and until when."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,14 +11,26 @@ from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.searching import from_motion
 from clearance.diagnosis.searching.balance import Suggested
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.from_motion import begin_balanced, begin_beside, begin_pairs
+from clearance.diagnosis.searching.from_motion import (
+    begin_balanced,
+    begin_beside,
+    begin_displaced,
+    begin_pairs,
+)
+from clearance.diagnosis.searching.geometry import Dimension
 from clearance.diagnosis.searching.work import Balanced
 from tests.diagnosis.judging.test_verdict import attempt
 
 
 def pair(*names):
-    hypotheses = tuple(SimpleNamespace(name=name, label=name) for name in names)
+    hypotheses = tuple(SimpleNamespace(name=name, label=name, shapes=np.zeros(1, bool)) for name in names)
     return Balanced(hypotheses, np.ones(len(names)), 2.0, 3e-4)
+
+
+def table_on_slider(argument):
+    return SimpleNamespace(
+        name="free_form", label=f"free_form({argument})", body="slider", shapes=np.zeros(1, bool)
+    )
 
 
 def follow(monkeypatch, suggested, fit, misfit, most):
@@ -103,7 +116,7 @@ def test_a_table_that_is_not_followed_is_tried_with_fewer_knots(monkeypatch, fol
         curve = SimpleNamespace(
             knots=np.zeros(knots), body="slider", argument="slider_velocity", interpolation=""
         )
-        hypothesis = SimpleNamespace(name="free_form", label="free_form(slider x)", body="slider")
+        hypothesis = table_on_slider("slider_velocity")
         return Balanced((hypothesis,), np.ones(knots), 2.0, 3e-4, curve, fewer=fewer)
 
     def fit(search, explanation, base, hypotheses, values, *more, **other):
@@ -125,7 +138,7 @@ def test_no_second_table_is_followed_where_none_says_more_than_a_name_that_does_
 ):
     def table(argument):
         curve = SimpleNamespace(knots=np.zeros(40), body="slider", argument=argument, interpolation="")
-        hypothesis = SimpleNamespace(name="free_form", label=f"free_form({argument})", body="slider")
+        hypothesis = table_on_slider(argument)
         return Balanced((hypothesis,), np.ones(40), 2.0, 3e-4, curve)
 
     def fit(search, explanation, base, hypotheses, *more, **other):
@@ -146,7 +159,9 @@ def test_no_second_table_is_followed_where_none_says_more_than_a_name_that_does_
 )
 def test_what_alone_gives_nearly_all_and_does_not_explain_is_one_of_two(monkeypatch, other, lacking, most):
     def single(name, cost):
-        hypothesis = SimpleNamespace(name=name, label=name, body="crank", channel=None)
+        hypothesis = SimpleNamespace(
+            name=name, label=name, body="crank", channel=None, shapes=np.zeros(1, bool)
+        )
         return Balanced((hypothesis,), np.ones(1), cost, 3e-4)
 
     tried = []
@@ -164,6 +179,66 @@ def test_what_alone_gives_nearly_all_and_does_not_explain_is_one_of_two(monkeypa
     first = (other, lacking, most) == (3.0, 5.0, 2)
     assert (tried[1] == ["soft_drive", "guide_friction"]) == first
     assert len(tried) == 3 + first
+
+
+@pytest.mark.parametrize(
+    ("both", "expected"),
+    [
+        (0.6, ["guide_friction", "guide_friction + rod_inertia", "free_form"]),
+        (0.9, ["guide_friction", "free_form"]),
+    ],
+)
+def test_two_that_cost_clearly_less_than_one_come_before_tables(monkeypatch, both, expected):
+    def fit(search, explanation, base, hypotheses, *more, **other):
+        tried.append(" + ".join(h.name for h in hypotheses))
+        return None
+
+    tried = []
+    curve = SimpleNamespace(knots=np.zeros(12), body="slider", argument="slider_velocity", interpolation="")
+    forces = [
+        replace(pair("guide_friction"), cost=1.0),
+        Balanced((table_on_slider("slider_velocity"),), np.ones(12), 0.9, 3e-4, curve),
+    ]
+    pairs = [replace(pair("guide_friction", "rod_inertia"), cost=both)]
+    follow(monkeypatch, Suggested(forces, balanced=False, pairs=pairs, lacking=5.0), fit, 100.0, 2)
+    assert tried == expected
+
+
+@pytest.mark.parametrize(
+    ("share", "force", "follows", "expected"),
+    [
+        (0.15, "process_load", True, [["slider_offset", "process_load"]]),
+        (0.15, "process_load", False, [["slider_offset", "process_load"], ["slider_offset"]]),
+        (0.15, None, True, [["slider_offset"]]),
+        (0.5, "process_load", True, []),
+    ],
+)
+def test_a_dimension_without_which_the_motion_hardly_agrees_comes_with_what_is_lacking_then(
+    monkeypatch, share, force, follows, expected
+):
+    def fit(search, explanation, base, hypotheses, values, clearance, anew):
+        tried.append([h.name for h in hypotheses])
+        assert clearance == pytest.approx(2.6e-4)
+        return attempt(["slider_offset"], 1.0 if follows else 90.0)
+
+    tried = []
+    offset = SimpleNamespace(
+        name="slider_offset",
+        label="slider_offset",
+        fault=None,
+        unknowns=(None,),
+        apply=lambda machine, sizes: machine,
+    )
+    forces = [] if force is None else [replace(pair(force), clearance=2.6e-4)]
+    monkeypatch.setattr(from_motion, "suggest_forces", lambda *_, named: Suggested(forces, not forces))
+    monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
+    monkeypatch.setattr(from_motion, "fit_from", fit)
+    search = SimpleNamespace(setting=Setting("machine", "B"), late=lambda: False)
+    gain = Dimension(SimpleNamespace(fault="gain"), 1.1, 3e-4, 0.1)  # a sensor's fault moves no link
+    one = Dimension(offset, 2e-3, 2.6e-4, share)
+    found = begin_displaced(search, Explanation(attempt([], 1000.0)), [gain, one])
+    assert tried == expected
+    assert found is (one if expected else None)
 
 
 def test_of_two_that_follow_nearly_each_is_tried_in_its_other_variants(monkeypatch):

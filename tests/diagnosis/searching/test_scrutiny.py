@@ -50,6 +50,17 @@ def test_impacts_that_one_sensor_shows_late_are_its_delay(delay):
     assert hint.values == pytest.approx([delay], abs=2e-6)
 
 
+def test_a_late_sensor_is_heard_beside_impacts_that_another_one_hears_wrongly():
+    machine = Setting(SliderCrank(), "C").with_clearance(3e-4)
+    groups = gather(load_effects(["sensor_delay", "sensor_gain"]), machine, "C", CHANNELS[:2])
+    torn = base(2.2e-4)
+    torn.followers[0].measured.values[100:120, :, 1] += 1e4  # a twentieth of the time, and loud
+    torn.followers[0].measured.values[100:120, :, 0] -= 1e4
+    (hint,) = _misheard(SimpleNamespace(groups=groups), torn)
+    assert hint.label == "sensor_delay(rod_c_axial, delay)"
+    assert hint.values == pytest.approx([2.2e-4], abs=3e-6)
+
+
 def test_what_a_bad_impact_leaves_is_no_fault():
     groups = gather(
         load_effects(["sensor_saturation", "sensor_gain"]), Setting(SliderCrank(), "C").with_clearance(3e-4),

@@ -70,9 +70,14 @@ def test_a_signal_of_nothing_but_noise_is_clipped_by_no_limit(monkeypatch):
     noise = 0.01 * np.random.default_rng(7).standard_normal(ringing.shape)
     for recorded, expected in ((noise, False), (np.clip(ringing, -30.0, 30.0) + noise, True)):
         measured = SimpleNamespace(
-            values=recorded, sigma=np.full(2, 0.01), channels=channels, chain=SimpleNamespace(rate=1e4)
+            values=recorded.reshape(-1, 10, 2),
+            sigma=np.full(2, 0.01),
+            channels=channels,
+            chain=SimpleNamespace(rate=1e4),
         )
-        base = SimpleNamespace(fit=SimpleNamespace(passes=[SimpleNamespace(predicted=ringing)]))
+        base = SimpleNamespace(
+            fit=SimpleNamespace(passes=[SimpleNamespace(predicted=ringing.reshape(-1, 10, 2))])
+        )
         channel = channels[int(expected)]
         found = kinds(SimpleNamespace(groups=groups), base, [SimpleNamespace(measured=measured)], channel)
         assert ("sensor_saturation" in [hypothesis.name for hypothesis, _, _ in found]) == expected
