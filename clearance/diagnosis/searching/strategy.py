@@ -173,7 +173,8 @@ def _search_all(
             pushed.extend(begin_balanced(search, explanation, most))
 
     def obvious() -> None:
-        widen(search, explanation, nominal, prospects.obvious)
+        if prospects.obvious:
+            widen(search, explanation, nominal, prospects.obvious)
 
     def plain() -> None:
         widen(search, explanation, nominal, prospects.plain)
@@ -210,9 +211,9 @@ def _search_all(
             reshape(search, explanation, best)
 
     def unlikely() -> None:
-        widen(search, explanation, nominal, [h for h in prospects.unlikely if h.hypotheses[0].fault is None])
         if not (built_on or settled(search, explanation, nominal)):
             begin_plausible(search, explanation, nominal)
+        widen(search, explanation, nominal, [h for h in prospects.unlikely if h.hypotheses[0].fault is None])
 
     def unlikely_faults() -> None:
         faults = [h for h in prospects.unlikely if h.hypotheses[0].fault is not None]

@@ -19,6 +19,7 @@ from clearance.diagnosis.searching.strategy import (
     _search_all,
     find_explanation,
 )
+from clearance.diagnosis.searching.widen import Prospects
 from tests.diagnosis.judging.test_verdict import attempt
 
 
@@ -78,11 +79,10 @@ def test_a_sensor_that_the_motion_accuses_comes_before_forces(monkeypatch, misfi
         recordings=[SimpleNamespace(channels=("rod_b_axial",) * channels)], late=lambda: len(asked) > 0
     )
     strategy = "clearance.diagnosis.searching.strategy."
-    monkeypatch.setattr(
-        strategy + "look", lambda *_: SimpleNamespace(plain=[], likely=[], unlikely=[], pairs=[])
-    )
+    monkeypatch.setattr(strategy + "look", lambda *_: Prospects([], [], [], [], []))
     monkeypatch.setattr(strategy + "glaring", lambda _: None)
-    monkeypatch.setattr(strategy + "begin_clock", lambda *_: None)
+    for name in ("begin_clock", "begin_displaced", "suggest_dimensions"):
+        monkeypatch.setattr(strategy + name, lambda *_: None)
     monkeypatch.setattr(strategy + "suggest_channels", lambda _: {"rod_b_axial": left})
     monkeypatch.setattr(strategy + "deafen", lambda *of: asked.append(of[3]))
     monkeypatch.setattr(strategy + "begin_balanced", lambda *_: asked.append("balance") or [])
@@ -142,7 +142,7 @@ def test_two_parts_that_do_not_explain_are_followed_on_paths_of_their_own(monkey
             explanation.attempts.append(pair)
 
     strategy = "clearance.diagnosis.searching.strategy."
-    prospects = SimpleNamespace(plain=[], likely=[], unlikely=[], pairs=[])
+    prospects = Prospects([], [], [], [], [])
     for name in ("glaring", "enlarge", "reshape", "begin_elsewhere", "begin_clock"):
         monkeypatch.setattr(strategy + name, lambda *_: None)
     monkeypatch.setattr(strategy + "look", lambda *_: prospects)
@@ -161,12 +161,15 @@ def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkey
         for name in ("slider_offset", "worn_bearing", "guide_friction")
     ]
     strategy = "clearance.diagnosis.searching.strategy."
-    for name in ("glaring", "enlarge", "reshape", "begin_elsewhere", "begin_again", "begin_clock"):
-        monkeypatch.setattr(strategy + name, lambda *_: None)
-    none = SimpleNamespace(plain=[], likely=[], unlikely=[], pairs=[])
+    for name in (
+        "glaring", "enlarge", "reshape", "begin_elsewhere", "begin_again", "begin_clock", "begin_displaced",
+        "suggest_channels", "suggest_dimensions",
+    ):  # fmt: skip
+        monkeypatch.setattr(strategy + name, lambda *_: {})
+    none = Prospects([], [], [], [], [])
     monkeypatch.setattr(
         strategy + "look",
-        lambda _, __, base: none if base is nominal else SimpleNamespace(plain=hints[:1], likely=hints[1:]),
+        lambda _, __, base: none if base is nominal else Prospects([], hints[:1], hints[1:], [], []),
     )
     monkeypatch.setattr(
         strategy + "widen", lambda _, __, ___, some: asked.append([h.hypotheses[0].name for h in some])
@@ -204,14 +207,16 @@ def fruitless(monkeypatch):
     strategy = "clearance.diagnosis.searching.strategy."
     for name in (
         "glaring", "enlarge", "reshape", "begin_elsewhere", "begin_again", "begin_inside", "begin_guide",
-        "begin_clock", "begin_dimensions", "begin_wear", "begin_plausible", "widen", "fit_curve",
+        "begin_clock", "begin_dimensions", "begin_displaced", "begin_wear", "begin_plausible", "widen",
+        "fit_curve",
     ):  # fmt: skip
         monkeypatch.setattr(strategy + name, lambda *_: None)
     for name in ("begin_balanced", "begin_pairs"):
         monkeypatch.setattr(strategy + name, lambda *_: [])
     monkeypatch.setattr(strategy + "suggest_channels", lambda _: {})
+    monkeypatch.setattr(strategy + "suggest_dimensions", lambda *_: [])
     monkeypatch.setattr(strategy + "suggest_curve", lambda *_: ([], np.inf))
-    prospects = SimpleNamespace(plain=[], likely=[], unlikely=[], pairs=[])
+    prospects = Prospects([], [], [], [], [])
     monkeypatch.setattr(strategy + "look", lambda *_: prospects)
     return strategy
 
@@ -235,6 +240,29 @@ def test_beside_a_far_path_the_balance_of_work_comes_first_beside_a_near_one_pla
     _search_all(search, Explanation(attempt([], misfit), list(found)), 3, lambda _: None)
     assert asked.count("balance") == asked.count("curve") == 1
     assert list(dict.fromkeys(asked)) == order
+
+
+def test_what_promises_most_comes_before_the_balance_of_work_and_no_dimension_is_tried_twice(
+    monkeypatch, fruitless
+):
+    asked = []
+    tried, other = [
+        SimpleNamespace(hypothesis=SimpleNamespace(name=name))
+        for name in ("slider_offset", "second_clearance")
+    ]
+    hint = SimpleNamespace(hypotheses=(SimpleNamespace(name="gravity", fault=None),))
+    monkeypatch.setattr(fruitless + "look", lambda *_: Prospects([hint], [], [], [], []))
+    monkeypatch.setattr(fruitless + "widen", lambda *of: asked.append("obvious") if of[3] == [hint] else None)
+    monkeypatch.setattr(fruitless + "suggest_dimensions", lambda *_: [tried, other])
+    monkeypatch.setattr(fruitless + "begin_displaced", lambda *_: asked.append("displaced") or tried)
+    monkeypatch.setattr(fruitless + "begin_balanced", lambda *_: asked.append("balance") or [])
+    monkeypatch.setattr(
+        fruitless + "begin_dimensions",
+        lambda _, __, those: asked.append([one.hypothesis.name for one in those]),
+    )
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
+    _search_all(search, Explanation(attempt([], 30.0)), 3, lambda _: None)
+    assert asked == ["obvious", "displaced", "balance", ["second_clearance"]]
 
 
 @pytest.mark.parametrize(("misfit", "expected"), [(5.3, ["joint_lubrication"]), (9.0, [])])
@@ -287,10 +315,11 @@ def test_lobes_are_read_off_the_motion_where_a_look_promises_them_or_no_force_he
     asked = []
     strategy = "clearance.diagnosis.searching.strategy."
     hint = SimpleNamespace(hypotheses=(SimpleNamespace(name=hinted, fault=None),))
-    prospects = SimpleNamespace(plain=[hint], likely=[], unlikely=[], pairs=[])
+    prospects = Prospects([], [hint], [], [], [])
     monkeypatch.setattr(strategy + "look", lambda *_: prospects)
     monkeypatch.setattr(strategy + "glaring", lambda _: None)
-    monkeypatch.setattr(strategy + "suggest_channels", lambda _: {})
+    for name in ("suggest_channels", "suggest_dimensions"):
+        monkeypatch.setattr(strategy + name, lambda *_: {})
     monkeypatch.setattr(strategy + "settled", lambda *_: False)
     for name in ("balanced", "guide", "dimensions", "inside", "plausible"):
         monkeypatch.setattr(strategy + f"begin_{name}", lambda *_: [])
