@@ -210,9 +210,11 @@ def _search_all(
         if nearer and best not in built_on and not settled(search, explanation, nominal):
             reshape(search, explanation, best)
 
-    def unlikely() -> None:
+    def plausible() -> None:
         if not (built_on or settled(search, explanation, nominal)):
             begin_plausible(search, explanation, nominal)
+
+    def unlikely() -> None:
         widen(search, explanation, nominal, [h for h in prospects.unlikely if h.hypotheses[0].fault is None])
 
     def unlikely_faults() -> None:
@@ -301,10 +303,9 @@ def _search_all(
 
     steps = (
         frame, build_on, obvious, build_on, cushion, clock, sensor, build_on, dimension, build_on, balance,
-        lead, plain, motion, curve_near, joint,
-        build_on, together, build_on, balance_near, inside, likely, build_on, reshaped, unlikely, build_on,
-        curve, elsewhere, build_on, share, unlikely_faults, build_on, pair, build_on, other_curve, again,
-        build_on,
+        lead, plain, motion, curve_near, joint, build_on, together, build_on, balance_near, inside, likely,
+        build_on, reshaped, plausible, build_on, unlikely, build_on, curve, elsewhere, build_on, share,
+        unlikely_faults, build_on, pair, build_on, other_curve, again, build_on,
     )  # fmt: skip
     for step in steps:
         if not (_enough(explanation) or search.late()):
