@@ -140,7 +140,11 @@ class Balance:
         return float(np.sqrt(share) * self.scatter / np.sqrt(np.mean(slide**2)))
 
     def imitate(self, machine: SliderCrank) -> None:
-        """Go on with what another machine would give in the place of what the motion needs."""
+        """Go on with what another machine would give in the place of what the motion needs.
+
+        With the drive of the one that effects are added to: what another speed asks for is of no interest.
+        """
+        machine = replace(machine, drive=self._given((), np.zeros(0))[1][0])
         self.beyond = []
         for turning in self.turnings:
             inertia, acceleration = answer(machine, turning)

@@ -125,8 +125,11 @@ def test_a_load_beside_a_spring_is_found_where_the_one_alone_spans_the_stroke():
     np.testing.assert_allclose(found.values[3:], [0.1065, 0.143], atol=3e-3)
 
 
-def test_a_table_is_known_for_the_load_that_it_is():
+@pytest.mark.parametrize("speed", [None, 950.0])  # what the drive is asked for is not the table's
+def test_a_table_is_known_for_the_load_that_it_is(speed):
     machine = SETTING.with_clearance(3e-4)
+    if speed is not None:
+        machine = replace(machine, drive=SpeedControl(speed))
     place = np.linspace(0.06, 0.16, 12)
     force = np.where((place > 0.0999) & (place < 0.1401), -9.0, 0.0)
     law = TabulatedForce("slider", "x", "slider_position", 0.06, place[1] - place[0], tuple(force))
