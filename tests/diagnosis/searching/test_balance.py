@@ -129,7 +129,7 @@ def test_a_load_beside_a_spring_is_found_where_the_one_alone_spans_the_stroke():
 def test_a_table_is_known_for_the_load_that_it_is(speed):
     machine = SETTING.with_clearance(3e-4)
     if speed is not None:
-        machine = replace(machine, drive=SpeedControl(speed))
+        machine = replace(machine, drive=SpeedControl(speed, ramp=0.1))
     place = np.linspace(0.06, 0.16, 12)
     force = np.where((place > 0.0999) & (place < 0.1401), -9.0, 0.0)
     law = TabulatedForce("slider", "x", "slider_position", 0.06, place[1] - place[0], tuple(force))
