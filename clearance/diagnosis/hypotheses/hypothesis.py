@@ -103,7 +103,7 @@ def of_effect(effect: Effect, machine: SliderCrank, joint: str) -> list[Hypothes
             unknowns.append(
                 Unknown(
                     parameter.name, _STEP * size, low, high, reach=_REACH * size, log=log,
-                    turns=parameter.unit == "rad",
+                    turns=parameter.unit == "rad" and high - low >= 2.0 * np.pi,
                 )
             )  # fmt: skip
         names = effect.parameters

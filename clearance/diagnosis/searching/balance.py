@@ -28,7 +28,7 @@ from clearance.diagnosis.kinematics.turning import Turning, answer, binned
 from clearance.diagnosis.searching.edges import EDGED
 from clearance.diagnosis.searching.geometry import GEOMETRIC
 from clearance.diagnosis.searching.search import Search
-from clearance.diagnosis.searching.work import Balance, Balanced, beyond_ideal
+from clearance.diagnosis.searching.work import Balance, Balanced, bends, beyond_ideal
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.parameters import Parameter
@@ -60,7 +60,7 @@ class Suggested:
     Attributes:
         forces: effects that leave little of the imbalance, alone or two together, the best first.
         balanced: whether there is none to speak of.
-        blind: whether the scatter would hide a force that matters.
+        blind: whether there is none because the scatter would hide one that matters.
         pairs: two effects that leave less than any alone, the best first.
         weak: the likeliest force without a name, where all of these leave much: impacts hide what is weak.
         lacking: robust mean square of the imbalance, in units of its scatter.
@@ -96,16 +96,17 @@ def suggest_forces(
     machine = setting.with_clearance(clearance)
     balance = Balance(search, setting, machine, clearance)
     before = balance.fit((), np.zeros(0)).cost
-    if before < _BALANCED and (least := balance.least(_TAKEN)) > _FAINT * _inertia_force(search, machine):
-        search.report(f"  the balance of work would show no force below {least:.2g} N")
-        return Suggested([], balanced=False, blind=True)
+    faintest = balance.least(_TAKEN)
+    blind = before < _BALANCED and faintest > _FAINT * _inertia_force(search, machine)
+    if blind:
+        search.report(f"  the balance of work would show no force below {faintest:.2g} N")
     if before < _QUIET:
-        return Suggested([], balanced=True)
+        return Suggested([], balanced=not blind, blind=blind)
     singles = _singles(search, balance, machine)
     pairs, clear = _pairs(balance, singles, _PROMISING * before)
     found = [one for one in [*singles, *clear] if one.cost < (1.0 - _TAKEN * one.sizes) * before]
     tables: list[Balanced] = []
-    if not named:
+    if not (named or blind):  # a table would be of noise
         tables = balance.tables(before)
         found += [one for one in tables if one.cost < _FREE * before]
         if min((one.cost for one in found), default=before) > _RHYTHM * before and not search.late():
@@ -124,7 +125,8 @@ def suggest_forces(
     more.sort(key=lambda one: one.price)
     some = [one for one in tables if one.cost < _SOME * before]
     weak = None if any(one.curve for one in found) else min(some, key=lambda one: one.price, default=None)
-    return Suggested(found, before < _BALANCED and not found, more, weak, before)
+    balanced = before < _BALANCED and not (found or blind)
+    return Suggested(found, balanced, more, weak, before, blind and not found)
 
 
 def _inertia_force(search: Search, machine: SliderCrank) -> float:
@@ -214,7 +216,7 @@ def settle_in(search: Search, setting: Setting, one: Balanced) -> Balanced:
     )  # fmt: skip
     clearance = float(np.exp(found.x))
     balance = Balance(search, setting, machine(clearance), clearance)
-    again = [balance.fit(one.hypotheses, one.values)]
+    again = [balance.fit(one.hypotheses, one.values, None if one.curve is None else bends(one.curve))]
     if one.hypotheses[0].name == EDGED and len(one.hypotheses) == 1:  # its edges may have been met wrongly
         again += [other for other in [balance.best(one.hypotheses)] if other is not None]
     return replace(min(again, key=lambda other: other.cost), curve=one.curve)

@@ -56,7 +56,8 @@ def fit_everywhere(
     values has been seen, so that each recording may be the one from which the others learn, ``insist`` times.
     """
     model, drive = search.setting.model(held), held[-1].name == DRIVE
-    seen = anew or misleads(held[-1])
+    misled = any(misleads(hypothesis) for hypothesis in held)
+    seen = anew or misled
     best: Attempt | None = None
     for look in range(_LOOKS):
 
@@ -77,7 +78,7 @@ def fit_everywhere(
         little = best is not None and found.misfit > _LESS * best.misfit
         best, row = found, found.fit.values[surest].copy()
         # a wrong size may have led the clearance astray; the motion knows it, unless it is misled, too
-        if not misleads(held[-1]) and astray(row[0], search.profile.best):
+        if not misled and astray(row[0], search.profile.best):
             row[0] = search.profile.best
         if explained(best) or little or best.misfit > HALFWAY * base.misfit:
             break

@@ -23,7 +23,7 @@ _BESIDE = 2  # forces that are tried beside a part
 _FITTED, _PAIRS = 3, 5  # of the names that are suggested, of the tables too, and of pairs
 _CLEARLY = 0.1  # of what any other leaves of the imbalance: that effect is there, alone or as one of two
 _TOGETHER = 0.75  # of the price of any effect alone: two that cost less come before tables
-_ALIKE = 1.1  # times the price of the best two: others are tried as well
+_AS_CHEAP = 1.1  # times the price of the best two: others are tried as well
 _DISPLACED = 0.3  # of the disagreement: a dimension with which less is left is looked at before any force
 _NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
 
@@ -61,9 +61,14 @@ def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[
             continue
         alike.append(names)
         if one.curve is not None and together:
-            begin_pairs(search, explanation, together)
+            begin_pairs(
+                search,
+                explanation,
+                [p for p in together if {h.name for h in p.hypotheses} not in known[True]],
+            )
             pairs, together = [pair for pair in pairs if not any(pair is tried for tried in together)], []
-            if explanation.best.misfit < _NEARLY_ALL * nominal.misfit or search.late():
+            best = explanation.best
+            if explained(best) or best.misfit < _NEARLY_ALL * nominal.misfit or search.late():
                 return pairs
         found, table = _follow_table(search, explanation, one)
         if found is not None and table is not None and len(table.knots) <= KNOTS and not explained(found):
@@ -98,7 +103,7 @@ def _clear_pairs(suggested: Suggested) -> list[Balanced]:
     best = cheapest(suggested.pairs)
     if not best < min(_TOGETHER * alone, table):
         return []
-    return [pair for pair in suggested.pairs if pair.price < _ALIKE * best]
+    return [pair for pair in suggested.pairs if pair.price < _AS_CHEAP * best]
 
 
 def _clear(one: Balanced, suggested: Suggested) -> bool:
@@ -109,7 +114,7 @@ def _clear(one: Balanced, suggested: Suggested) -> bool:
 
 
 def begin_pairs(search: Search, explanation: Explanation, pairs: Sequence[Balanced]) -> None:
-    """Fit two effects that give the torque together, where the path is far and no effect alone was near.
+    """Fit two effects that give the torque together, where none alone is near or costs about as little.
 
     Around impacts the motion leaves torques that nothing gives: what is right takes away little more than
     what is not, but then it follows.
@@ -129,7 +134,7 @@ def begin_pairs(search: Search, explanation: Explanation, pairs: Sequence[Balanc
         if found is not None and not explained(found) and found.misfit < HALFWAY * nominal.misfit:
             found = _other_variants(search, explanation, found)
         nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
-        if nearly or search.late() or len(tried) == _PAIRS:
+        if explained(explanation.best) or nearly or search.late() or len(tried) == _PAIRS:
             return
 
 
@@ -178,7 +183,7 @@ def begin_beside(search: Search, explanation: Explanation, base: Attempt) -> Non
 
 
 def begin_displaced(
-    search: Search, explanation: Explanation, dimensions: Sequence[Dimension]
+    search: Search, explanation: Explanation, dimensions: Sequence[Dimension], most: int
 ) -> Dimension | None:
     """Fit a dimension without which the motion hardly agrees, first with what the work then lacks.
 
@@ -188,6 +193,7 @@ def begin_displaced(
         search: after its nominal stage.
         explanation: added to.
         dimensions: of ``suggest_dimensions``.
+        most: effects that may be missing together.
 
     Returns:
         The one that was tried, if one was.
@@ -196,25 +202,29 @@ def begin_displaced(
     if one is None or one.share > _DISPLACED:
         return None
     nominal, size = explanation.nominal, np.array([one.value])
-    force = _beside_dimension(search, one)
+    force = _beside_dimension(search, one, most)
     if force is not None:
         sizes = np.append(size, force.values)
         held = [one.hypothesis, *force.hypotheses]
         found = fit_from(search, explanation, nominal, held, sizes, force.clearance, anew=True)
-        if (found is not None and found.misfit < _NEARLY_ALL * nominal.misfit) or search.late():
+        nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
+        if explained(explanation.best) or nearly or search.late():
             return one
     fit_from(search, explanation, nominal, [one.hypothesis], size, one.clearance, anew=False)
     return one
 
 
-def _beside_dimension(search: Search, one: Dimension) -> Balanced | None:
-    """What the balance of work lacks in a machine with another dimension, if it can be settled with it."""
+def _beside_dimension(search: Search, one: Dimension, most: int) -> Balanced | None:
+    """What the balance of work lacks in a machine with another dimension, if it can be settled with it.
+
+    No more effects than ``most`` together with the dimension.
+    """
     setting = search.setting.added([one.hypothesis], np.array([one.value]))
     try:
         suggested = suggest_forces(search, setting, one.clearance, named=True)
-        if suggested is None or not suggested.forces:
-            return None
-        return settle_in(search, setting, suggested.forces[0])
+        forces = [] if suggested is None else suggested.forces
+        force = next((force for force in forces if len(force.hypotheses) < most), None)
+        return None if force is None else settle_in(search, setting, force)
     except (InputError, np.linalg.LinAlgError):
         return None
 
@@ -227,7 +237,13 @@ def begin_clock(search: Search, explanation: Explanation) -> None:
         fit_from(search, explanation, explanation.nominal, [one.hypothesis], size, one.clearance, anew=True)
 
 
-def begin_dimensions(search: Search, explanation: Explanation, dimensions: Sequence[Dimension]) -> None:
+def begin_dimensions(
+    search: Search,
+    explanation: Explanation,
+    dimensions: Sequence[Dimension],
+    tried: Dimension | None,
+    most: int,
+) -> None:
     """Fit dimensions and faults with which the motion alone agrees better, on paths that are sought anew.
 
     Beside a dimension that does not explain all, with the best of what was found before, or with a force that
@@ -237,21 +253,24 @@ def begin_dimensions(search: Search, explanation: Explanation, dimensions: Seque
         search: after its nominal stage.
         explanation: added to.
         dimensions: of ``suggest_dimensions``.
+        tried: one of them, of ``begin_displaced``: it is fitted beside what was found since, and no more.
+        most: effects that may be missing together.
     """
     nominal, part = explanation.nominal, explanation.best
     for one in dimensions:
         size = np.array([one.value])
-        fit_from(search, explanation, nominal, [one.hypothesis], size, one.clearance, anew=False)
+        if one is not tried:
+            fit_from(search, explanation, nominal, [one.hypothesis], size, one.clearance, anew=False)
         if explained(explanation.best) or search.late():
             return
         if one.hypothesis.fault is not None:
             continue
         new = part.hypotheses and all(not same(one.hypothesis, held) for held in part.hypotheses)
-        if new and part.misfit < HALFWAY * nominal.misfit:
+        if new and part.misfit < HALFWAY * nominal.misfit and len(part.hypotheses) < most:
             more, clearance = part.hypotheses, one.clearance
             values = part.fit.values[0, 1 : part.model.shared]
         else:
-            force = _beside_dimension(search, one)
+            force = None if one is tried else _beside_dimension(search, one, most)
             if force is None:
                 continue
             more, values, clearance = force.hypotheses, force.values, force.clearance

@@ -19,7 +19,7 @@ from clearance.diagnosis.searching.widen import kinds
 from clearance.diagnosis.sensing.suspicion import disagreement, steady
 
 _FITTED = 4  # hypotheses of one screening that are fitted
-_RIGHT = 1.0  # misfit of what is right, or all but right
+_RIGHT = 0.98  # misfit of what is surely right: beside it others are not compared
 _LESS = 0.5  # of what that has taken: beside it nothing that promises less is tried
 _LOUD = 1.1  # sigma that a channel is off by, where no sensor's fault is to be looked for below
 _LEFT = 0.3  # of it: a fault that is right leaves less
@@ -83,35 +83,41 @@ def hear(explanation: Explanation) -> None:
     Attempts compare recordings with the fault undone. What comes back through a resonance has other noise
     than what was late, so that two faults of one sensor are compared with the recording as it is.
     """
-    while len(rivals := _rivals(explanation)) > 1:
-        samples = sum(follower.measured.values[..., 0].size for follower in rivals[0].followers)
-        cost = [samples * _heard(attempt) for attempt in rivals]
-        if cost[0] - min(cost) < SURE:
+    while rivals := _rivals(explanation):
+        best = explanation.best
+        samples = sum(follower.measured.values[..., 0].size for follower in best.followers)
+        gains = [samples * (_heard(best, *disputed) - _heard(one, *disputed)) for one, disputed in rivals]
+        if max(gains) < SURE:
             return
-        rivals[0].withdrawn = True
+        best.withdrawn = True
 
 
-def _rivals(explanation: Explanation) -> list[Attempt]:
-    """The best attempt and those that differ from it by the kind of one sensor's fault alone."""
+def _rivals(explanation: Explanation) -> list[tuple[Attempt, list[str]]]:
+    """What differs from the best attempt by kinds of sensors' faults alone, and these sensors' channels."""
 
     def places(attempt: Attempt) -> list[str]:
         return sorted(h.channel or h.label for h in attempt.hypotheses)
 
-    def names(attempt: Attempt) -> list[str]:
-        return sorted(h.name for h in attempt.hypotheses)
+    def faults(attempt: Attempt) -> set[tuple[str, str]]:
+        return {(h.name, h.channel) for h in attempt.hypotheses if h.channel}
 
-    best = explanation.best
-    if not any(h.channel for h in best.hypotheses):
-        return []
-    # the same fault beside other lobes is no rival: both have undone it
-    others = (a for a in explanation.standing[1:] if names(a) != names(best) and explained(a))
-    return [best, *(a for a in others if places(a) == places(best))]
+    best, rivals = explanation.best, []
+    for other in explanation.standing[1:]:
+        # the same fault beside other lobes is no rival: both have undone it
+        disputed = sorted({channel for _, channel in faults(best) ^ faults(other)})
+        if disputed and explained(other) and places(other) == places(best):
+            rivals.append((other, disputed))
+    return rivals
 
 
-def _heard(attempt: Attempt) -> float:
-    """Robust mean square of what instruments make of an attempt's signals, beside the recordings."""
+def _heard(attempt: Attempt, *disputed: str) -> float:
+    """Robust mean square of what instruments make of an attempt's signals, beside the recordings.
+
+    Args:
+        attempt: with its paths.
+        disputed: channels that have no say in which segments are compared.
+    """
     total, samples = 0.0, 0
-    faulty = next(h.channel for h in attempt.hypotheses if h.channel)
     for follower, row, one in zip(attempt.followers, attempt.fit.values, attempt.fit.passes, strict=True):
         measured = follower.measured
         channels = len(measured.channels)
@@ -119,7 +125,8 @@ def _heard(attempt: Attempt) -> float:
             one.predicted.reshape(-1, channels), measured.channels, measured.chain.rate
         )
         residuals = (told.reshape(measured.values.shape) - measured.values) / measured.sigma
-        calm = residuals[steady(residuals, measured.channels.index(faulty))].reshape(-1, channels)
+        silent = [measured.channels.index(channel) for channel in disputed]
+        calm = residuals[steady(residuals, silent)].reshape(-1, channels)
         total += len(calm) * float((disagreement(calm) ** 2).sum())
         samples += len(calm)
     return total / samples
@@ -180,7 +187,7 @@ def _misheard(search: Search, base: Attempt) -> list[Hint]:
         (one.predicted - follower.measured.values) / follower.measured.sigma
         for one, follower in zip(base.fit.passes, base.followers, strict=True)
     ])  # fmt: skip
-    calm = [residuals[steady(residuals, i)][..., i].ravel() for i in range(residuals.shape[2])]
+    calm = [residuals[steady(residuals, [i])][..., i].ravel() for i in range(residuals.shape[2])]
     each = np.array([float(disagreement(one[:, None])[0]) for one in calm])
     each[measured.filtered :] = 0.0
     each[[measured.channels.index(h.channel) for h in base.hypotheses if h.channel]] = 0.0

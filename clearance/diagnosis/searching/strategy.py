@@ -128,7 +128,7 @@ def _search_all(
     pushed: list[Balanced] = []
     suspicious = cache(lambda: suggest_channels(search))
     deafened: list[str] = []
-    displaced: list[Dimension] = []
+    displaced: Dimension | None = None
 
     def accused() -> dict[str, float]:
         return dict(list(suspicious().items())[:_FAULTS])
@@ -155,8 +155,9 @@ def _search_all(
             begin_clock(search, explanation)
 
     def dimension() -> None:
-        if nominal.misfit > FAR and (one := begin_displaced(search, explanation, dimensions())):
-            displaced.append(one)
+        nonlocal displaced
+        if nominal.misfit > FAR:
+            displaced = begin_displaced(search, explanation, dimensions(), most)
 
     def balance() -> None:
         if nominal.misfit >= NEARLY:
@@ -175,6 +176,7 @@ def _search_all(
     def obvious() -> None:
         if prospects.obvious:
             widen(search, explanation, nominal, prospects.obvious)
+            deafened.extend(c for h in prospects.obvious if (c := h.hypotheses[0].channel) is not None)
 
     def plain() -> None:
         widen(search, explanation, nominal, prospects.plain)
@@ -184,9 +186,7 @@ def _search_all(
             begin_guide(search, explanation)
         if settled(search, explanation, nominal):
             return
-        begin_dimensions(
-            search, explanation, [one for one in dimensions() if all(one is not other for other in displaced)]
-        )
+        begin_dimensions(search, explanation, dimensions(), displaced, most)
 
     def joint() -> None:
         if settled(search, explanation, nominal):

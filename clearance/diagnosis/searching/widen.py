@@ -30,7 +30,7 @@ _FITTED = 4  # hypotheses of one screening that are fitted
 _HOPEFUL = 0.1  # of the best one's gain: less is not fitted
 _LITTLE = 1e-3  # misfit above a perfect model's: less is nothing to take shares of
 _LIKELY = 0.04  # of what is missing: effects that were right promised 5 to 90 %, others 0 to 6 %
-_OBVIOUS = 0.55  # of it: in five trials what promised that much was right, 20 of 20, however far the path
+_OBVIOUS = 0.55  # of it: in four trials what promised that much was right, 20 of 20, however far the path
 _PLAIN = 0.3  # of it: such effects come early
 _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
@@ -169,7 +169,7 @@ def kinds(
     recorded = np.concatenate([one.measured.values for one in hearing])
     predicted = np.concatenate([one.predicted for one in base.fit.passes])
     sigma, shape = np.mean([one.measured.sigma for one in hearing], axis=0), (-1, len(measured.channels))
-    calm = steady((predicted - recorded) / sigma, measured.channels.index(channel))
+    calm = steady((predicted - recorded) / sigma, [measured.channels.index(channel)])
     suspicions = suspect(  # a limit may be reached at the highest of several speeds alone
         recorded.reshape(shape), predicted.reshape(shape), list(measured.channels), measured.chain.rate,
         sigma, channel, np.repeat(calm, recorded.shape[1]),

@@ -98,6 +98,18 @@ class Balanced:
         return f"{shown} over {self.curve.argument}, {len(self.values)} knots, {self.curve.interpolation}"
 
 
+def bends(curve: Curve) -> np.ndarray:
+    """(rows, knots) of how much a table bends at each knot.
+
+    Where a force does no work, at a dead centre, nothing is known of it: its knots there are led by their
+    neighbours, without which one was -384 N where 11 N act.
+    """
+    knots: np.ndarray = np.eye(len(curve.knots))
+    if curve.repeats:
+        return np.roll(knots, 1, axis=1) - 2.0 * knots + np.roll(knots, -1, axis=1)
+    return np.diff(knots, 2, axis=0)
+
+
 def beyond_ideal(machine: SliderCrank, turning: Turning) -> np.ndarray:
     """(bins,) torque that the play of the journals needs beyond the ideal motion [N m].
 
@@ -246,16 +258,8 @@ class Balance:
         return [replace(one, fewer=fewer) for one in best]
 
     def _table(self, curve: Curve) -> Balanced | None:
-        """A force of free form from the forces of a curve on.
-
-        Where a force does no work, at a dead centre, nothing is known of it: its knots there are led by their
-        neighbours, without which one was -384 N where 11 N act.
-        """
-        bends = np.diff(np.eye(len(curve.knots)), 2, axis=0)
-        if curve.repeats:
-            turned = np.eye(len(curve.knots))
-            bends = np.roll(turned, 1, axis=1) - 2.0 * turned + np.roll(turned, -1, axis=1)
-        one = self.tried((free_form(curve, self.setting.joint),), curve.forces, bends)
+        """A force of free form from the forces of a curve on."""
+        one = self.tried((free_form(curve, self.setting.joint),), curve.forces, bends(curve))
         if one is None:
             return None
         if curve.body == "crank":  # a constant torque is the drive's
@@ -263,23 +267,23 @@ class Balance:
         return replace(one, curve=replace(curve, forces=one.values))
 
     def tried(
-        self, hypotheses: tuple[Hypothesis, ...], values: np.ndarray, bends: np.ndarray | None = None
+        self, hypotheses: tuple[Hypothesis, ...], values: np.ndarray, straight: np.ndarray | None = None
     ) -> Balanced | None:
         """As ``fit``; ``None`` where a law does not take the values."""
         try:
-            return self.fit(hypotheses, values, bends)
+            return self.fit(hypotheses, values, straight)
         except (InputError, np.linalg.LinAlgError):
             return None
 
     def fit(
-        self, hypotheses: tuple[Hypothesis, ...], values: np.ndarray, bends: np.ndarray | None = None
+        self, hypotheses: tuple[Hypothesis, ...], values: np.ndarray, straight: np.ndarray | None = None
     ) -> Balanced:
         """The best sizes of some effects, by Gauss-Newton.
 
         Args:
             hypotheses: effects.
             values: (unknowns,) to begin with.
-            bends: (rows, unknowns) of them that should be small; none if ``None``.
+            straight: (rows, unknowns) of them that should be small, as of ``bends``; none if ``None``.
 
         Raises:
             InputError: a law does not take the values.
@@ -308,8 +312,8 @@ class Balance:
             if share == 1.0:
                 steps = self._steps(hypotheses, best, free) if fresh else steps
                 columns, lacking = np.column_stack([steps, offsets]), before
-                if bends is not None:
-                    stiff = _STIFF * float(np.median(np.linalg.norm(steps, axis=0))) * bends
+                if straight is not None:
+                    stiff = _STIFF * float(np.median(np.linalg.norm(steps, axis=0))) * straight
                     bent = np.column_stack([stiff[:, free], np.zeros((len(stiff), offsets.shape[1]))])
                     columns, lacking = np.vstack([columns, bent]), np.append(lacking, -stiff @ best)
                 change[free] = regressed(columns, lacking, self.scatter)[: len(free)]

@@ -123,16 +123,16 @@ def disagreement(residuals: FloatArray) -> FloatArray:
     return _OUTLIER * np.sqrt(mean)
 
 
-def steady(residuals: FloatArray, channel: int) -> NDArray[np.bool_]:
+def steady(residuals: FloatArray, suspected: Sequence[int]) -> NDArray[np.bool_]:
     """(segments,) whether the other channels are not among the loudest tenth there.
 
     Where an impact was met wrongly every channel is off, and what a sensor does to its signal is not seen.
 
     Args:
         residuals: (segments, samples, channels) [sigma].
-        channel: index of the suspected one.
+        suspected: indices of channels that have no say.
     """
-    others = np.delete(residuals, channel, axis=2).transpose(1, 0, 2)
+    others = np.delete(residuals, list(suspected), axis=2).transpose(1, 0, 2)
     loud = disagreement(others.reshape(len(others), -1)).reshape(len(residuals), -1).sum(axis=1)
     calm: NDArray[np.bool_] = loud <= np.quantile(loud, _STEADY)
     return calm

@@ -247,8 +247,14 @@ def settle(
             report(iteration, cost, values)
         if fall < tolerance * cost and settled:
             break
-    values[:, turning] = np.mod(values[:, turning] + np.pi, 2.0 * np.pi) - np.pi
+    values[:, turning] = wrapped(values[:, turning])
     return Settled(model, values, cost, seen)
+
+
+def wrapped(angles: np.ndarray) -> np.ndarray:
+    """Angles [rad] between -π and π."""
+    turned: np.ndarray = np.mod(angles + np.pi, 2.0 * np.pi) - np.pi
+    return turned
 
 
 def unsteady(segments: int, doubt: float = 1.0) -> np.ndarray:
@@ -349,10 +355,14 @@ class _Leash:
     def __init__(self, model: Model, home: np.ndarray | None) -> None:
         self.model, self.home = model, home
         self.weight = np.zeros(1) if home is None else _stiffness(model, home) / _EXPECTED**2
+        self.turning = np.array([u.turns for u in model.unknowns], dtype=bool)
 
     def distance(self, values: np.ndarray) -> np.ndarray:
         """(P,) from home; of shared unknowns that of the first recording."""
-        return np.zeros(1) if self.home is None else flatten(values - self.home, self.model)
+        if self.home is None:
+            return np.zeros(1)
+        apart = values - self.home
+        return flatten(np.where(self.turning, wrapped(apart), apart), self.model)
 
     def cost(self, values: np.ndarray) -> float:
         """Sum of squares of the unknowns' distances, each in units of what is expected."""

@@ -14,6 +14,7 @@ from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.from_motion import (
     begin_balanced,
     begin_beside,
+    begin_dimensions,
     begin_displaced,
     begin_pairs,
 )
@@ -182,15 +183,19 @@ def test_what_alone_gives_nearly_all_and_does_not_explain_is_one_of_two(monkeypa
 
 
 @pytest.mark.parametrize(
-    ("both", "expected"),
+    ("both", "right", "expected"),
     [
-        (0.6, ["guide_friction", "guide_friction + rod_inertia", "free_form"]),
-        (0.9, ["guide_friction", "free_form"]),
+        (0.6, False, ["guide_friction", "guide_friction + rod_inertia", "free_form"]),
+        (0.6, True, ["guide_friction", "guide_friction + rod_inertia"]),
+        (0.9, True, ["guide_friction", "free_form"]),
     ],
 )
-def test_two_that_cost_clearly_less_than_one_come_before_tables(monkeypatch, both, expected):
+def test_two_that_cost_clearly_less_than_one_come_before_tables(monkeypatch, both, right, expected):
     def fit(search, explanation, base, hypotheses, *more, **other):
         tried.append(" + ".join(h.name for h in hypotheses))
+        if right and len(hypotheses) == 2:
+            explanation.attempts.append(attempt(["guide_friction", "rod_inertia"], 1.0))
+            return explanation.attempts[-1]
         return None
 
     tried = []
@@ -200,21 +205,22 @@ def test_two_that_cost_clearly_less_than_one_come_before_tables(monkeypatch, bot
         Balanced((table_on_slider("slider_velocity"),), np.ones(12), 0.9, 3e-4, curve),
     ]
     pairs = [replace(pair("guide_friction", "rod_inertia"), cost=both)]
-    follow(monkeypatch, Suggested(forces, balanced=False, pairs=pairs, lacking=5.0), fit, 100.0, 2)
+    follow(monkeypatch, Suggested(forces, balanced=False, pairs=pairs, lacking=5.0), fit, 10.0, 2)
     assert tried == expected
 
 
 @pytest.mark.parametrize(
-    ("share", "force", "follows", "expected"),
+    ("share", "force", "follows", "most", "expected"),
     [
-        (0.15, "process_load", True, [["slider_offset", "process_load"]]),
-        (0.15, "process_load", False, [["slider_offset", "process_load"], ["slider_offset"]]),
-        (0.15, None, True, [["slider_offset"]]),
-        (0.5, "process_load", True, []),
+        (0.15, "process_load", True, 2, [["slider_offset", "process_load"]]),
+        (0.15, "process_load", False, 2, [["slider_offset", "process_load"], ["slider_offset"]]),
+        (0.15, "process_load", True, 1, [["slider_offset"]]),
+        (0.15, None, True, 2, [["slider_offset"]]),
+        (0.5, "process_load", True, 2, []),
     ],
 )
 def test_a_dimension_without_which_the_motion_hardly_agrees_comes_with_what_is_lacking_then(
-    monkeypatch, share, force, follows, expected
+    monkeypatch, share, force, follows, most, expected
 ):
     def fit(search, explanation, base, hypotheses, values, clearance, anew):
         tried.append([h.name for h in hypotheses])
@@ -236,9 +242,35 @@ def test_a_dimension_without_which_the_motion_hardly_agrees_comes_with_what_is_l
     search = SimpleNamespace(setting=Setting("machine", "B"), late=lambda: False)
     gain = Dimension(SimpleNamespace(fault="gain"), 1.1, 3e-4, 0.1)  # a sensor's fault moves no link
     one = Dimension(offset, 2e-3, 2.6e-4, share)
-    found = begin_displaced(search, Explanation(attempt([], 1000.0)), [gain, one])
+    found = begin_displaced(search, Explanation(attempt([], 1000.0)), [gain, one], most)
     assert tried == expected
     assert found is (one if expected else None)
+
+
+def test_a_dimension_that_was_tried_is_fitted_beside_what_was_found_since_alone(monkeypatch):
+    def fit(search, explanation, base, hypotheses, *more, **other):
+        tried.append([h.name for h in hypotheses])
+        return attempt(["both"], 30.0)
+
+    def dimension(name):
+        hypothesis = SimpleNamespace(
+            name=name, label=name, fault=None, channel=None, unknowns=(None,),
+            apply=lambda machine, sizes: machine,
+        )  # fmt: skip
+        return Dimension(hypothesis, 2e-3, 2.6e-4, 0.2)
+
+    tried, first, other = [], dimension("slider_offset"), dimension("second_clearance")
+    part = attempt(["gravity"], 20.0)
+    part.fit.values = np.array([[3e-4, -9.9, 700.0]])
+    monkeypatch.setattr(from_motion, "suggest_forces", lambda *_, named: Suggested([], True))
+    monkeypatch.setattr(from_motion, "fit_from", fit)
+    search = SimpleNamespace(setting=Setting("machine", "B"), late=lambda: False)
+    nominal = attempt([], 1000.0)
+    begin_dimensions(search, Explanation(nominal, [part]), [first, other], first, 2)
+    assert tried == [["slider_offset", "gravity"], ["second_clearance"], ["second_clearance", "gravity"]]
+    tried.clear()
+    begin_dimensions(search, Explanation(nominal), [first], first, 2)
+    assert tried == []
 
 
 def test_of_two_that_follow_nearly_each_is_tried_in_its_other_variants(monkeypatch):

@@ -250,7 +250,7 @@ def test_what_promises_most_comes_before_the_balance_of_work_and_no_dimension_is
         SimpleNamespace(hypothesis=SimpleNamespace(name=name))
         for name in ("slider_offset", "second_clearance")
     ]
-    hint = SimpleNamespace(hypotheses=(SimpleNamespace(name="gravity", fault=None),))
+    hint = SimpleNamespace(hypotheses=(SimpleNamespace(name="gravity", fault=None, channel=None),))
     monkeypatch.setattr(fruitless + "look", lambda *_: Prospects([hint], [], [], [], []))
     monkeypatch.setattr(fruitless + "widen", lambda *of: asked.append("obvious") if of[3] == [hint] else None)
     monkeypatch.setattr(fruitless + "suggest_dimensions", lambda *_: [tried, other])
@@ -258,11 +258,13 @@ def test_what_promises_most_comes_before_the_balance_of_work_and_no_dimension_is
     monkeypatch.setattr(fruitless + "begin_balanced", lambda *_: asked.append("balance") or [])
     monkeypatch.setattr(
         fruitless + "begin_dimensions",
-        lambda _, __, those: asked.append([one.hypothesis.name for one in those]),
+        lambda _, __, those, before, most: asked.append(
+            [one.hypothesis.name for one in those if one is before]
+        ),
     )
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
     _search_all(search, Explanation(attempt([], 30.0)), 3, lambda _: None)
-    assert asked == ["obvious", "displaced", "balance", ["second_clearance"]]
+    assert asked == ["obvious", "displaced", "balance", ["slider_offset"]]
 
 
 @pytest.mark.parametrize(("misfit", "expected"), [(5.3, ["joint_lubrication"]), (9.0, [])])
