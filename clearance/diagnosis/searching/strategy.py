@@ -62,24 +62,25 @@ def find_explanation(
 
     A frame that its sensors feel shaking comes first, then what promises most of what is missing beside the
     nominal path, a recorder's clock by which the motion agrees much better, and a sensor that alone
-    contradicts the nominal machine, or the motion. Where the path is not near, effects follow that give the
-    torque which the motion needs. Then single effects that promise much of what is missing; dimensions that
-    the motion alone points at; where the path is near, a force of free form; what acts inside the joint, from
-    plausible sizes, and faulty sensors that the motion points at; where the path is near, what gives the
-    torque that the motion needs; where no force gives it, a worn bearing, and where the path is far, effects
-    that no linear look can judge; effects and faults that promise a good part; in the place of one that
-    explains half, a force of free form. Beside one that explains a good part, the next one, and both on paths
-    of their own. Then effects that promised little, since beside a path that is far from right none promises
-    much; forces of free form on the slider, or with which most of one recording is explained; effects that no
-    linear look can judge; faults that promised little; pairs of which neither shows without the other; other
-    tables; the best so far on paths of its own. A table is put to the test against names. Where something is
-    left, a load's edges are looked for along the stroke. Named effects that explain are followed anew. What
-    explains is looked beside for what is small; where effects leave more than right ones do, for others that
-    a linear look cannot judge; where nothing takes away what is too much for a machine with nothing missing,
-    effects that a linear look is sure of, then small forces of free form, then effects that it cannot judge,
-    are tried on paths of their own. What was put together is followed anew. A named force must stand against
-    one of free form in its place. What is not needed is pruned. A nominal machine that explains is fitted on
-    the path of what explains more.
+    contradicts the nominal machine, or the motion, and a dimension without which the motion hardly agrees.
+    Where the path is not near, effects follow that give the torque which the motion needs. Then single
+    effects that promise much of what is missing; dimensions that the motion alone points at; where the path
+    is near, a force of free form; what acts inside the joint, from plausible sizes, and faulty sensors that
+    the motion points at; where the path is near, what gives the torque that the motion needs; where no force
+    gives it, a worn bearing, and where the path is far, effects that no linear look can judge; effects and
+    faults that promise a good part; in the place of one that explains half, a force of free form. Beside one
+    that explains a good part, the next one, and both on paths of their own. Where the path is far, effects
+    from plausible sizes; then effects that promised little, since beside a path that is far from right none
+    promises much; forces of free form on the slider, or with which most of one recording is explained;
+    effects that no linear look can judge; faults that promised little; pairs of which neither shows without
+    the other; other tables; the best so far on paths of its own. A table is put to the test against names.
+    Where something is left, a load's edges are looked for along the stroke. Named effects that explain are
+    followed anew. What explains is looked beside for what is small; where effects leave more than right ones
+    do, for others that a linear look cannot judge; where nothing takes away what is too much for a machine
+    with nothing missing, effects that a linear look is sure of, then small forces of free form, then effects
+    that it cannot judge, are tried on paths of their own. What was put together is followed anew. A named
+    force must stand against one of free form in its place. What is not needed is pruned. A nominal machine
+    that explains is fitted on the path of what explains more.
 
     Args:
         search: after its nominal stage.
