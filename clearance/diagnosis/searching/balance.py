@@ -47,9 +47,7 @@ _MORE = 0.95  # of the price of the best one alone: pairs are worth a try
 _PROMISING = 0.9  # of the imbalance: what leaves less may be one of two
 _FIRST = 2  # single effects beside which a second one is looked for
 _SHOWN = 3
-_ALIKE = (
-    0.6  # of a table's torques: an effect that leaves more does something else (by 5 % noise 0.46 was right)
-)
+_ALIKE = 0.6  # of a table's torques: an effect that leaves more does something else; 0.46 was right
 _WITHIN, _CLOSER = 0.7, 10  # of the clearance's logarithm; clearances that are compared there
 _CLOCKS = 120  # places in a period where another recording may begin
 _RHYTHM = 0.3  # of the imbalance: where nothing else leaves less, a rhythm of its own is looked for
