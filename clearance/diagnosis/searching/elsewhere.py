@@ -93,7 +93,8 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
     """Fit every effect of one size from a plausible one, where the path is far from right.
 
     A linear look beside such a path may promise nothing of an effect that, once there, follows the recording.
-    Where the work is balanced only effects inside the joint are tried.
+    What acts inside the joint has been tried by then (``begin_inside``). Where the work is balanced, nothing
+    that acts on the links from outside is.
     """
     if base.misfit < FAR:
         return
