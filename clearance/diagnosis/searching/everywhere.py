@@ -36,7 +36,7 @@ def fit_from(
     row = rows[surest]
     row[0] = clearance
     return search.keep(
-        explanation, held, lambda: fit_everywhere(search, held, row, surest, base, anew, insist)
+        explanation, held, lambda: fit_everywhere(search, held, row, surest, base, anew, insist, clearance)
     )
 
 
@@ -48,12 +48,15 @@ def fit_everywhere(
     base: Attempt,
     anew: bool = False,
     insist: int = 1,
+    clearance: float | None = None,
 ) -> Attempt | None:
     """Fit to all recordings what the surest one suggests, again on the paths that this gives while it helps.
 
     What speed a drive is asked for, and its integral, follow from the torque by the drive's own gains: paths
     are sought anew with another drive; with ``anew`` they are from the first look on. What points at such
     values has been seen, so that each recording may be the one from which the others learn, ``insist`` times.
+    A wrong size may lead the clearance astray: the next look begins again at ``clearance`` [m], with which
+    the motion agrees beside such values, or at that of the nominal motion where no hypothesis misleads it.
     """
     model, drive = search.setting.model(held), held[-1].name == DRIVE
     misled = any(misleads(hypothesis) for hypothesis in held)
@@ -77,9 +80,9 @@ def fit_everywhere(
             break
         little = best is not None and found.misfit > _LESS * best.misfit
         best, row = found, found.fit.values[surest].copy()
-        # a wrong size may have led the clearance astray; the motion knows it, unless it is misled, too
-        if not misled and astray(row[0], search.profile.best):
-            row[0] = search.profile.best
+        known = row[0] if misled else search.profile.best
+        known = known if clearance is None else clearance
+        row[0] = known if astray(row[0], known) else row[0]
         if explained(best) or little or best.misfit > HALFWAY * base.misfit:
             break
     return best

@@ -24,6 +24,7 @@ _FITTED, _PAIRS = 3, 5  # of the names that are suggested, of the tables too, an
 _CLEARLY = 0.1  # of what any other leaves of the imbalance: that effect is there, alone or as one of two
 _TOGETHER = 0.75  # of the price of any effect alone: two that cost less come before tables
 _AS_CHEAP = 1.1  # times the price of the best two: others are tried as well
+_NO_LESS = 0.9  # of what a name leaves of the imbalance: a table that leaves more says no more
 _DISPLACED = 0.3  # of the disagreement: a dimension with which less is left is looked at before any force
 _NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
 
@@ -48,7 +49,7 @@ def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[
         for one in suggested.forces
         if len(one.hypotheses) == 1 and one.curve is None
     ]
-    nearly, pairs = False, suggested.pairs
+    nearly, pairs, named_cost = False, suggested.pairs, np.inf
     together = _clear_pairs(suggested) if most > 1 else []
     # one variant of each effect, one argument of a force without a name
     known: dict[bool, list[set[str]]] = {True: [], False: []}
@@ -70,9 +71,13 @@ def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[
             best = explanation.best
             if explained(best) or best.misfit < _NEARLY_ALL * nominal.misfit or search.late():
                 return pairs
+        if one.curve is not None and one.cost > _NO_LESS * named_cost:
+            return pairs  # it says no more than a name that leaves little
         found, table = _follow_table(search, explanation, one)
         if found is not None and table is not None and len(table.knots) <= KNOTS and not explained(found):
             refine_table(search, explanation, table, found)
+        if found is not None and one.curve is None and found.misfit < SHARED * nominal.misfit:
+            named_cost = min(named_cost, one.cost)
         nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
         if explained(explanation.best) or nearly or search.late():
             break

@@ -232,15 +232,20 @@ def _search_all(
                 enlarge(search, explanation)
                 if explanation.best is not base and not (_enough(explanation) or search.late()):
                     begin_again(search, explanation)  # the smaller variant may have torn the paths
-                if not explained(explanation.best):
-                    reshape(search, explanation, explanation.best)
             if _enough(explanation) or search.late():
                 return
             base = _named(explanation)
+            beside = look(search, explanation, base)
+            if base is explanation.best and not beside.obvious:  # else something is there beside the name
+                reshape(search, explanation, base)
+                if _enough(explanation) or search.late():
+                    return
+                if base is not _named(explanation):
+                    base = _named(explanation)
+                    beside = look(search, explanation, base)
             begin_beside(search, explanation, base)
             if settled(search, explanation, base):
                 return
-            beside = look(search, explanation, base)
             hopeful = beside.promising
             first = list(takewhile(lambda hint: hint.hypotheses[0].name != WORN, hopeful))
             widen(search, explanation, base, first)  # lobes take up much of what promises more than they do

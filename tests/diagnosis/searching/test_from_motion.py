@@ -133,14 +133,17 @@ def test_a_table_that_is_not_followed_is_tried_with_fewer_knots(monkeypatch, fol
     assert refined == [follows] * (follows > 0)
 
 
-@pytest.mark.parametrize(("left", "tables"), [(0.5, 1), (0.7, 2)])
+@pytest.mark.parametrize(
+    ("left", "cost", "tables"),
+    [(0.5, 1.5, 1), (0.7, 1.5, 2), (0.5, 1.9, 0), (0.7, 1.9, 2)],  # the name costs 2
+)
 def test_no_second_table_is_followed_where_none_says_more_than_a_name_that_does_much(
-    monkeypatch, left, tables
+    monkeypatch, left, cost, tables
 ):
     def table(argument):
         curve = SimpleNamespace(knots=np.zeros(40), body="slider", argument=argument, interpolation="")
         hypothesis = table_on_slider(argument)
-        return Balanced((hypothesis,), np.ones(40), 2.0, 3e-4, curve)
+        return Balanced((hypothesis,), np.ones(40), cost, 3e-4, curve)
 
     def fit(search, explanation, base, hypotheses, *more, **other):
         tried.append(hypotheses[0].name)

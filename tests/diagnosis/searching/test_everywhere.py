@@ -1,0 +1,44 @@
+"""Fits to all recordings from what one of them, or the motion, suggests."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.searching import everywhere
+from clearance.diagnosis.searching.everywhere import fit_everywhere
+from tests.diagnosis.judging.test_verdict import attempt
+
+
+@pytest.mark.parametrize(
+    ("name", "clearance", "expected"),
+    [
+        ("slider_spring", 6.1e-4, 6.1e-4),  # with which the motion agrees beside the spring
+        ("slider_spring", None, 3e-4),  # with which the nominal machine's motion agrees
+        ("slider_offset", None, 11e-4),  # which misleads that
+        ("slider_offset", 6.1e-4, 6.1e-4),
+        ("slider_spring", 10e-4, 11e-4),  # that is about the same
+    ],
+)
+def test_a_clearance_that_was_led_astray_is_begun_again_where_the_motion_agrees(
+    monkeypatch, name, clearance, expected
+):
+    begun, left = [], iter([7.0, 1.0])
+
+    def grown(held, values, starts, base, insist):
+        begun.append(values[0, 0])
+        found = attempt([name], next(left))
+        found.fit.values = np.array([[11e-4, 835.0, 70.0]])
+        return found
+
+    start = SimpleNamespace(trace=SimpleNamespace(speed=70.0), doubt=1.0)
+    monkeypatch.setattr(everywhere, "start_anew", lambda *_: start)
+    search = SimpleNamespace(
+        setting=SimpleNamespace(model=lambda held: None), workers=1, starts=[start], grown=grown,
+        profile=SimpleNamespace(best=3e-4),
+    )  # fmt: skip
+    held, row = attempt([name], 1.0).hypotheses, np.array([5e-4, 841.0, 70.0])
+    held[0].fault = None
+    found = fit_everywhere(search, held, row, 0, attempt([], 122.0), anew=True, clearance=clearance)
+    assert begun == pytest.approx([5e-4, expected])
+    assert found.misfit == 1.0
