@@ -255,6 +255,8 @@ def _search_all(
             further = explanation.best is not base and unnamed(explanation.best.hypotheses) is None
             if further and not settled(search, explanation, base):
                 begin_again(search, explanation)
+            if beside.obvious and base is explanation.best and not settled(search, explanation, base):
+                reshape(search, explanation, base)
             if not settled(search, explanation, base):
                 begin_elsewhere(search, explanation, base)
             before, base = base, _named(explanation)

@@ -153,6 +153,27 @@ def test_two_parts_that_do_not_explain_are_followed_on_paths_of_their_own(monkey
     assert again == expected
 
 
+@pytest.mark.parametrize(
+    ("obvious", "expected"),
+    [(True, ["balance", "beside", "table"]), (False, ["table", "balance", "beside"])],
+)
+def test_what_promises_most_beside_a_part_comes_before_a_table_in_its_place(
+    monkeypatch, fruitless, obvious, expected
+):
+    asked = []
+    nominal, gravity = attempt([], 40.0), attempt(["gravity"], 2.0)
+    hint = SimpleNamespace(hypotheses=(SimpleNamespace(name="soft_drive", fault=None, channel=None),))
+    beside = Prospects([hint], [], [], [], []) if obvious else Prospects([], [hint], [], [], [])
+    none = Prospects([], [], [], [], [])
+    monkeypatch.setattr(fruitless + "look", lambda _, __, base: none if base is nominal else beside)
+    monkeypatch.setattr(fruitless + "reshape", lambda *_: asked.append("table"))
+    monkeypatch.setattr(fruitless + "begin_beside", lambda *_: asked.append("balance"))
+    monkeypatch.setattr(fruitless + "widen", lambda *of: asked.append("beside") if of[3] == [hint] else None)
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(asked) > 2)
+    _search_all(search, Explanation(nominal, [gravity]), 3, lambda _: None)
+    assert asked[:3] == expected
+
+
 def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkeypatch):
     asked = []
     nominal, gravity = attempt([], 40.0), attempt(["gravity"], 2.0)
