@@ -183,10 +183,10 @@ def _misheard(search: Search, base: Attempt) -> list[Hint]:
     Where impacts make the signal, one that comes two samples late leaves no slope at no delay.
     """
     measured = base.followers[0].measured
-    residuals = np.concatenate([
-        (one.predicted - follower.measured.values) / follower.measured.sigma
-        for one, follower in zip(base.fit.passes, base.followers, strict=True)
-    ])  # fmt: skip
+    # in the same units as of ``kinds``, whose misfit it is compared with, and so in the same segments
+    sigma = np.mean([follower.measured.sigma for follower in base.followers], axis=0)
+    recorded = np.concatenate([follower.measured.values for follower in base.followers])
+    residuals = (np.concatenate([one.predicted for one in base.fit.passes]) - recorded) / sigma
     calm = [residuals[steady(residuals, [i])][..., i].ravel() for i in range(residuals.shape[2])]
     each = np.array([float(disagreement(one[:, None])[0]) for one in calm])
     each[measured.filtered :] = 0.0
