@@ -15,8 +15,9 @@ from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import SURE, margin, unsettled
 from clearance.diagnosis.searching.torn import rejoin_impacts
 from clearance.diagnosis.searching.wear import WORN
-from clearance.diagnosis.searching.widen import kinds
+from clearance.diagnosis.searching.widen import kinds, side_by_side
 from clearance.diagnosis.sensing.suspicion import disagreement, steady
+from clearance.diagnosis.shooting.fit import wrapped
 
 _FITTED = 4  # hypotheses of one screening that are fitted
 _RIGHT = 0.98  # misfit of what is surely right: beside it others are not compared
@@ -174,7 +175,7 @@ def _compare_orders(search: Search, explanation: Explanation, base: Attempt) -> 
 def _turned(lobes: Hint, turn: float) -> np.ndarray:
     """Amplitude, order and phase of lobes, turned; the phase far from its bounds."""
     amplitude, order, phase = lobes.values
-    return np.array([amplitude, order, np.mod(phase + turn + np.pi, 2.0 * np.pi) - np.pi])
+    return np.array([amplitude, order, wrapped(phase + turn)])
 
 
 def _misheard(search: Search, base: Attempt) -> list[Hint]:
@@ -183,10 +184,9 @@ def _misheard(search: Search, base: Attempt) -> list[Hint]:
     Where impacts make the signal, one that comes two samples late leaves no slope at no delay.
     """
     measured = base.followers[0].measured
-    # in the same units as of ``kinds``, whose misfit it is compared with, and so in the same segments
-    sigma = np.mean([follower.measured.sigma for follower in base.followers], axis=0)
-    recorded = np.concatenate([follower.measured.values for follower in base.followers])
-    residuals = (np.concatenate([one.predicted for one in base.fit.passes]) - recorded) / sigma
+    # in the units of ``kinds``, whose misfit it is compared with, and so in the same segments
+    recorded, predicted, sigma = side_by_side(base, base.followers)
+    residuals = (predicted - recorded) / sigma
     calm = [residuals[steady(residuals, [i])][..., i].ravel() for i in range(residuals.shape[2])]
     each = np.array([float(disagreement(one[:, None])[0]) for one in calm])
     each[measured.filtered :] = 0.0

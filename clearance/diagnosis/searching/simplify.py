@@ -7,6 +7,7 @@ from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, same
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import screen
 from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.searching.significance import SURE
 from clearance.diagnosis.shooting.covariance import deviations
 from clearance.diagnosis.shooting.fit import settle
 from clearance.diagnosis.shooting.follow import Follower
@@ -81,10 +82,12 @@ def retry_nominal(search: Search, explanation: Explanation) -> None:
 
     What looked torn beside it may have been a path in another minimum, which an effect was the way out of.
     Its sizes are led back to "off" step by step while clearance and path follow. So is a nominal machine that
-    was lost, where what explains may as well be off: it was only another way onto the path.
+    was lost, where what explains may as well be off, or where no linear look is sure of anything: it was only
+    another way onto the path.
     """
     best, nominal, machine = explanation.best, explanation.nominal, search.setting.with_clearance(3e-4)
-    if not best.hypotheses or not (explained(nominal) or _idle(best)) or search.late():
+    torn = explained(best) and max((hint.gain for hint in explanation.hints), default=SURE) < SURE
+    if not best.hypotheses or not (explained(nominal) or torn or _idle(best)) or search.late():
         return
     if any(hypothesis.structural(machine) for hypothesis in best.hypotheses):
         return  # a path with other coordinates is no beginning

@@ -149,6 +149,21 @@ def deafen(search: Search, explanation: Explanation, base: Attempt, channel: str
         search.refit(explanation, held, hearing, values, ANNEALING[2])
 
 
+def side_by_side(base: Attempt, hearing: Sequence[Follower]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What was recorded, what an attempt predicts, and the noise.
+
+    Returns:
+        Twice (segments of all recordings, samples, channels), and (channels,) mean standard deviations.
+
+    Args:
+        base: the attempt.
+        hearing: followers on its paths, with what was recorded.
+    """
+    recorded = np.concatenate([one.measured.values for one in hearing])
+    predicted = np.concatenate([one.predicted for one in base.fit.passes])
+    return recorded, predicted, np.mean([one.measured.sigma for one in hearing], axis=0)
+
+
 def kinds(
     search: Search, base: Attempt, hearing: Sequence[Follower], channel: str
 ) -> list[tuple[Hypothesis, np.ndarray, float]]:
@@ -166,9 +181,8 @@ def kinds(
         channel: the suspected one.
     """
     measured = hearing[0].measured
-    recorded = np.concatenate([one.measured.values for one in hearing])
-    predicted = np.concatenate([one.predicted for one in base.fit.passes])
-    sigma, shape = np.mean([one.measured.sigma for one in hearing], axis=0), (-1, len(measured.channels))
+    recorded, predicted, sigma = side_by_side(base, hearing)
+    shape = (-1, len(measured.channels))
     calm = steady((predicted - recorded) / sigma, [measured.channels.index(channel)])
     suspicions = suspect(  # a limit may be reached at the highest of several speeds alone
         recorded.reshape(shape), predicted.reshape(shape), list(measured.channels), measured.chain.rate,

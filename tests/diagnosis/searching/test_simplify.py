@@ -61,9 +61,9 @@ def test_of_two_the_one_that_explains_nothing_goes():
     assert [asked[1] for asked in search.asked] == [[[3e-4, 2.0, 700.0]], [[3e-4, 1.0, 700.0]]]
 
 
-def retried(monkeypatch, nominal, best, again, gain):
+def retried(monkeypatch, nominal, best, again, gain, promised=80.0):
     """An explanation whose nominal machine was fitted on the path of the best."""
-    explanation = Explanation(fitted([], nominal), [best], [SimpleNamespace(gain=80.0)])
+    explanation = Explanation(fitted([], nominal), [best], [SimpleNamespace(gain=promised)])
 
     def settle(followers, model, values, *_):
         sizes.append(model[1])
@@ -91,6 +91,15 @@ def test_a_nominal_machine_that_was_lost_is_fitted_where_an_effect_that_may_as_w
     """The effect's size is 1, and off is 0: with a small deviation it is there."""
     monkeypatch.setattr(simplify, "deviations", lambda fit: np.array([1e-6, unsure]))
     assert retried(monkeypatch, 40.0, fitted(["gravity"], 1.0), 1.01, 5.0).nominal.misfit == expected
+
+
+@pytest.mark.parametrize(("promised", "expected"), [(5.0, 1.01), (80.0, 1.74)])
+def test_a_nominal_machine_whose_path_is_torn_is_fitted_where_no_look_is_sure_of_anything(
+    monkeypatch, promised, expected
+):
+    monkeypatch.setattr(simplify, "deviations", lambda fit: np.array([1e-6, 0.1]))
+    found = retried(monkeypatch, 1.74, fitted(["gravity"], 1.0), 1.01, 5.0, promised)
+    assert found.nominal.misfit == expected
 
 
 def variant(*names):
