@@ -80,10 +80,10 @@ def contact_force_of(joint: str) -> str:
     return f"force_{joint.lower()}"
 
 
-def curve_over(values: np.ndarray, body: str, direction: str, argument: str) -> Curve:
-    """A curve of size one, with knots over (segments,) values of its argument, or over a whole turn."""
+def curve_over(values: np.ndarray, body: str, direction: str, argument: str, count: int = KNOTS) -> Curve:
+    """A curve of size one, with knots over (segments,) values of its argument, or ``count`` over a turn."""
     if argument == "crank_angle":
-        knots = 2.0 * np.pi * np.arange(KNOTS) / KNOTS
+        knots = 2.0 * np.pi * np.arange(count) / count
     else:
         low, high = np.quantile(values, [_TAILS, 1.0 - _TAILS])
         knots = np.linspace(low, max(high, low + 1e-9), _LINE if argument == "contact_force" else KNOTS)

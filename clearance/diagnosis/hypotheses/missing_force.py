@@ -16,6 +16,7 @@ import numpy as np
 
 from clearance.diagnosis.hypotheses.free_form import (
     ARGUMENTS,
+    KNOTS,
     Curve,
     arguments_of,
     contact_force_of,
@@ -35,6 +36,7 @@ _ITERATIONS = 8
 _CORRELATED = 3.0  # neighbouring segments that count as one
 _STRAIGHT = 0.1  # weight of a bend of the table beside a segment
 _HALF = 0.5  # of a force's robust square: what leaves more of it is no function of an argument
+_TURN = (KNOTS, 2 * KNOTS, 4 * KNOTS)  # of a torque's table over a turn
 _CERTAIN, _STRONG = 0.1, 0.9  # of its size: no force is known better; quantile that tells this size
 
 PLACES = (("crank", "torque"), ("rod", "moment"), ("slider", "x"))
@@ -190,7 +192,8 @@ def proportional(machine: SliderCrank, body: str, direction: str, joint: str, si
 def curves(seen: Seen, pattern: np.ndarray, joint: str, sizes: np.ndarray) -> list[Curve]:
     """Fit curves of every argument in every direction, best first.
 
-    Over the contact's force they are straight lines here: it changes too fast within a segment for more.
+    Over the contact's force they are straight lines here: it changes too fast within a segment for more. A
+    torque on the crank over its angle has as many knots as it takes: motors and gears have high harmonics.
 
     Args:
         seen: unknown forces.
@@ -203,20 +206,28 @@ def curves(seen: Seen, pattern: np.ndarray, joint: str, sizes: np.ndarray) -> li
     count, places = len(seen.forces), directions(joint)
     for d, (body, direction) in enumerate(places):
         for argument in arguments_of(body):
-            values = seen.arguments[argument]
-            curve = curve_over(values, body, direction, argument)
-            line = argument == "contact_force"
-            each = np.ones((len(values), 1)) if line else curve.shares(values)
-            column = d + line * len(places)
-            fitted = regress(seen, pattern[:, :, column, None] * each[:, None, :])
-            unit = sizes[column] * (curve.knots if line else 1.0)
-            found.append(
-                replace(
-                    curve, forces=fitted.coefficients * unit, deviations=fitted.deviations * np.abs(unit),
-                    gain=fitted.gain, price=float(each.shape[1] * np.log(count / _CORRELATED)),
-                )
-            )  # fmt: skip
-    return sorted(found, key=lambda curve: curve.price - curve.gain)
+            values, line = seen.arguments[argument], argument == "contact_force"
+            column, several = d + line * len(places), list[Curve]()
+            for knots in _TURN if (body, argument) == ("crank", "crank_angle") else (KNOTS,):
+                curve = curve_over(values, body, direction, argument, knots)
+                if knots > KNOTS:
+                    curve = replace(curve, interpolation="cubic")
+                each = np.ones((len(values), 1)) if line else curve.shares(values)
+                fitted = regress(seen, pattern[:, :, column, None] * each[:, None, :])
+                unit = sizes[column] * (curve.knots if line else 1.0)
+                several.append(
+                    replace(
+                        curve, forces=fitted.coefficients * unit,
+                        deviations=fitted.deviations * np.abs(unit), gain=fitted.gain,
+                        price=float(each.shape[1] * np.log(count / _CORRELATED)),
+                    )
+                )  # fmt: skip
+            found.append(min(several, key=_net))
+    return sorted(found, key=_net)
+
+
+def _net(curve: Curve) -> float:
+    return curve.price - curve.gain
 
 
 def as_function_of(force: np.ndarray, values: np.ndarray, curve: Curve) -> tuple[Curve, float]:

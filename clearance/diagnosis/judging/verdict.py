@@ -13,6 +13,8 @@ from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
 from clearance.diagnosis.searching.significance import beats, margin, suspicious, unsettled
 from clearance.diagnosis.shooting.covariance import deviations
+from clearance.diagnosis.shooting.follow import EDGE
+from clearance.diagnosis.shooting.stretch import Comparison
 from clearance.mechanism.applied_force import TabulatedForce, shares
 
 FITTED = "fitted recordings and motion"
@@ -173,7 +175,8 @@ def vouched(explanation: Explanation, held_out: Attempt) -> bool:
     """Whether the motion alone shows all that the fitted recordings are followed with, play in a guide first.
 
     Of a shoe that hangs between its rails nothing is seen, so that held-out recordings may be lost at their
-    first strikes. That is no evidence against play which the motion shows as wide, beside as much clearance.
+    first strikes, or at a later one. That is no evidence against play which the motion shows as wide, beside
+    as much clearance; what is a little off all along is.
     """
     best, rails = explanation.best, explanation.rails
     if rails is None or rails.followed or not explained(best):
@@ -181,8 +184,14 @@ def vouched(explanation: Explanation, held_out: Attempt) -> bool:
     if [h.name for h in best.hypotheses] != [LOOSE_GUIDE, *(h.name for h in rails.beside)]:
         return False
     away = np.abs(best.fit.values[0, :2] - [rails.clearance, rails.gap])
-    astray = any(EXPLAINED <= misfit <= _LOST for misfit in held_out.misfits)
+    each = zip(held_out.misfits, held_out.fit.passes, strict=True)
+    astray = any(EXPLAINED <= misfit <= _LOST and _typical(one) >= EXPLAINED for misfit, one in each)
     return bool((away < _WITHIN * rails.deviations[:2]).all()) and not astray
+
+
+def _typical(one: Comparison) -> float:
+    """Cost a sample of the segment in the middle of all, by what is left of each."""
+    return float(np.median(one.each[EDGE:-EDGE]))
 
 
 def _confirmed(held_out: Attempt, effects: bool) -> bool:

@@ -42,6 +42,7 @@ _FREE = 0.65  # likewise of a force of free form
 _SOME = 0.85  # likewise of one that is tried only where nothing else is near
 _CLOCKED = 0.45  # of one over time: in a short recording a turn of the crank is a period, too
 _CLEARER = 0.7  # of what all others leave: a weak rhythm leaves much of what impacts do
+_OWN = 0.4  # likewise: a clock of its own comes first (three of them left a third, names a half and more)
 _BOTH = 0.4  # of what the better one of two leaves: they are suggested together
 _MORE = 0.95  # of the price of the best one alone: pairs are worth a try
 _PROMISING = 0.9  # of the imbalance: what leaves less may be one of two
@@ -105,14 +106,16 @@ def suggest_forces(
     singles = _singles(search, balance, machine)
     pairs, clear = _pairs(balance, singles, _PROMISING * before)
     found = [one for one in [*singles, *clear] if one.cost < (1.0 - _TAKEN * one.sizes) * before]
-    tables: list[Balanced] = []
+    tables, own = list[Balanced](), 0.0
     if not (named or blind):  # a table would be of noise
         tables = balance.tables(before)
         found += [one for one in tables if one.cost < _FREE * before]
         if min((one.cost for one in found), default=before) > _RHYTHM * before and not search.late():
             least = min((one.cost for one in [*singles, *tables]), default=before)
-            found += balance.rhythms(max(_CLOCKED * before, _CLEARER * least))
-    found.sort(key=lambda one: one.price)
+            rhythms = balance.rhythms(max(_CLOCKED * before, _CLEARER * least))
+            found += rhythms
+            own = min([_OWN * least, *(pair.cost for pair in pairs)])
+    found.sort(key=lambda one: (one.rhythm is None or one.cost > own, one.price))
     for one in found[:_SHOWN]:
         shown = ", ".join(f"{value:.3g}" for value in one.values)
         search.report(

@@ -106,7 +106,8 @@ def _clear_pairs(suggested: Suggested) -> list[Balanced]:
     alone = cheapest(o for o in suggested.forces if len(o.hypotheses) == 1 and o.curve is None)
     table = cheapest(o for o in suggested.forces if o.curve is not None)
     best = cheapest(suggested.pairs)
-    if not best < min(_TOGETHER * alone, table):
+    clocked = bool(suggested.forces) and suggested.forces[0].rhythm is not None
+    if clocked or not best < min(_TOGETHER * alone, table):
         return []
     return [pair for pair in suggested.pairs if pair.price < _AS_CHEAP * best]
 

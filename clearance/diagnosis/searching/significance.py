@@ -19,7 +19,7 @@ from clearance.diagnosis.hypotheses.free_form import unnamed
 from clearance.diagnosis.searching.explanation import Explanation
 
 SURE = 60.0
-"""Fall of the sum of squares that neither chance nor another integrator brings: 24 in five hundred machines."""
+"""Fall of the sum of squares that neither chance nor another integrator brings (24 in five hundred)."""
 CALM = 1.2
 """Misfit that nothing missing does not bring either."""
 _NULLS = "nulls.json"

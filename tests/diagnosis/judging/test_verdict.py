@@ -41,7 +41,7 @@ from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 
 
-def attempt(names, misfit, kind="physics", off=0.0, each=()):
+def attempt(names, misfit, kind="physics", off=0.0, each=(), typical=()):
     hypotheses = tuple(
         SimpleNamespace(
             name=n,
@@ -53,7 +53,8 @@ def attempt(names, misfit, kind="physics", off=0.0, each=()):
         )
         for n in names
     )
-    passes, each = [SimpleNamespace(samples=10_000)], list(each) or [misfit]
+    each = list(each) or [misfit]
+    passes = [SimpleNamespace(samples=10_000 // len(each), each=np.full(100, one)) for one in typical or each]
     recorded = [SimpleNamespace(name=f"{r}.csv", first=0) for r in range(len(each))]
     followers = [SimpleNamespace(measured=one, segments=100) for one in recorded]
     return SimpleNamespace(
@@ -222,6 +223,7 @@ def test_what_the_motion_alone_shows_is_asserted_where_nothing_is_followed(misfi
     ("gap", "beside", "followed", "each", "expected", "basis"),
     [
         (7.6e-5, "flexible_base", False, (40.0, 90.0), "physics", "fitted recordings and motion"),
+        (7.6e-5, "flexible_base", False, (-3.0, 90.0), "physics", "fitted recordings and motion"),  # late
         (7.6e-5, "flexible_base", False, (1.0, 90.0), "physics", "prediction"),  # half of them is enough
         (7.6e-5, "flexible_base", False, (3.0, 90.0), "unknown", "prediction"),  # one is followed, and badly
         (9.5e-5, "flexible_base", False, (40.0, 90.0), "unknown", "prediction"),  # the motion shows another
@@ -237,7 +239,9 @@ def test_play_that_the_motion_shows_as_well_is_asserted_though_what_is_held_out_
     frame = attempt(["flexible_base"], 1.0).hypotheses
     rails = Rails(1.1e-4, 7e-5, np.array([1e-5, 7e-6, 0.5]), frame, np.array([54.0]), followed)
     explanation = Explanation(attempt([], 50.0), [best], rails=rails)
-    held_out = attempt(["guide_clearance"], 40.0, each=each)
+    # a negative one: all segments but a few are followed to the noise
+    typical = [1.0 if one < 0.0 else one for one in each]
+    held_out = attempt(["guide_clearance"], 40.0, each=np.abs(each), typical=typical)
     assert verdict_of(explanation, held_out) == expected
     assert basis_of(explanation, held_out) == basis
     explanation.rails = None
