@@ -24,6 +24,7 @@ from clearance.predict import load_gauge
 from clearance.whole_files import read_json, read_yaml, write_atomically, write_json
 
 log = logging.getLogger(__name__)
+_SIMULATED = ("SimulatedSource", "StreamingSource")  # of whose machine the campaign makes more
 
 
 @command("evaluate")
@@ -82,6 +83,10 @@ def measure_coverage(run: Path, recordings: int) -> None:
     config: dict[str, Any] = read_yaml(run / CONFIG) or {}
     if "campaign" not in config:
         raise InputError(f"{run / CONFIG}: no campaign there, so nothing fresh can be simulated; set fresh=0")
+    source = str(config["data"]["source"]["_target_"]).rpartition(".")[2]
+    if source not in _SIMULATED:
+        log.info("%s: left out, nothing fresh can be simulated like the recordings of %s", run, source)
+        return
     campaign = instantiate_trusted(config["campaign"], str(run / CONFIG))
     log.info("%s: %d fresh recordings", run, recordings)
     fresh = evaluate_fresh(load_gauge(run), campaign, recordings)

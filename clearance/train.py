@@ -17,9 +17,9 @@ from clearance.errors import InputError
 from clearance.evaluation.evaluate import evaluate
 from clearance.models.estimator import Estimator
 from clearance.models.gauge import Calibration, Gauge
-from clearance.models.run_folder import METRICS, RunFolder, environment
+from clearance.models.run_folder import CONFIG, METRICS, RunFolder, environment
 from clearance.models.together import fit_together, shareable
-from clearance.whole_files import read_json
+from clearance.whole_files import read_json, read_yaml
 from clearance.windows.datamodule import WindowData
 
 log = logging.getLogger(__name__)
@@ -40,6 +40,7 @@ def main(cfg: DictConfig) -> float | None:
     if cfg.begin is not None:
         if not (Path(cfg.begin) / METRICS).exists():
             raise InputError(f"begin={cfg.begin}: no finished training there; set begin to the folder of one")
+        _require_apart(cfg)
         for estimator in estimators:
             estimator.begin(Path(cfg.begin))
 
@@ -55,11 +56,32 @@ def main(cfg: DictConfig) -> float | None:
         return validation_error(runs)
     shared = open_run(cfg)
     seconds = fit_together(shareable(estimators), data, runs, shared)
+    failed: list[str] = []
     for one, estimator, run, spent in zip(each, estimators, runs, seconds, strict=True):
-        if not run.finished:
-            judge(one, estimator, data, run, spent, len(runs))
+        try:
+            if not run.finished:
+                judge(one, estimator, data, run, spent, len(runs))
+        except InputError as error:  # the others are worth as much without it
+            failed.append(f"seed={one.seed}: {error}")
+    if failed:
+        raise InputError("; ".join(failed))
     shared.drop_checkpoints()
     return validation_error(runs)
+
+
+def _require_apart(cfg: DictConfig) -> None:
+    """Refuse weights that have seen recordings which this training would be tested on."""
+    before, now = read_yaml(Path(cfg.begin) / CONFIG) or {}, plain(cfg)
+    simulated = str(cfg.data.source._target_).endswith(("SimulatedSource", "StreamingSource"))
+    same = simulated and all(
+        before.get(key) == now.get(key) for key in ("data_seed", "mechanism", "campaign")
+    )
+    other = [key for key in ("runs", "split_seed") if before.get(key) != now.get(key)]
+    if same and other:
+        raise InputError(
+            f"begin={cfg.begin}: it has seen recordings of data_seed={cfg.data_seed} that this training "
+            f"would be tested on ({' and '.join(other)} differ); set another data_seed, or these as there"
+        )
 
 
 def different(seeds: Any) -> list[int]:

@@ -56,6 +56,7 @@ def refused(monkeypatch, capfd, tmp_path):
         ("contact=flroes", "contact/flroes.*flores hunt_crossley"),
         ("runs=0", r"runs = 0 is outside \[1, .*change runs$"),
         ("runs=2.5", "runs = 2.5 is not a whole number; change runs$"),
+        ("runs=1e1", "runs = 10.0 is not a whole number; change runs$"),
         ("runs=many", "runs = 'many' is not a number; change runs$"),
         ("seed=-1", r"seed = -1 is outside \[0, .*change seed$"),
         ("workers=-1", "workers = -1.*1 or more; change workers"),
@@ -179,11 +180,19 @@ def test_training_anew_once_does_not_spoil_later_plain_runs(trained, tmp_path, m
     monkeypatch.chdir(tmp_path / "home")
     metrics = tmp_path / "home/run/metrics.json"
     begin = metrics.stat().st_mtime_ns
+    measured = metrics.with_name("fresh.json")
+    measured.write_text("[]")
     assert call(monkeypatch, capfd, "train", *TREES, "hydra.run.dir=run", "resume=false")[0] == 0
     anew = metrics.stat().st_mtime_ns
     assert anew > begin
-    assert call(monkeypatch, capfd, "train", *TREES, "hydra.run.dir=run")[0] == 0
+    assert not measured.exists()  # it was of other weights
+    assert call(monkeypatch, capfd, "train", *TREES, "hydra.run.dir=run", "trainer.progress=false")[0] == 0
     assert metrics.stat().st_mtime_ns == anew
+
+
+def test_weights_that_have_seen_what_they_would_be_tested_on_are_refused(refused, trained):
+    words = r"has seen recordings of data_seed=1 that this training would be tested on \(split_seed differ"
+    refused("train", words, *TREES, f"begin='{trained}/run'", "split_seed=7")
 
 
 @pytest.fixture(scope="module")

@@ -41,8 +41,11 @@ def with_recorded(rows: Sequence[dict[str, Any]], record: Path) -> list[dict[str
             f"results = {record.parent}: {record.name} there holds no rows of trainings, or those of an "
             "older version; move it away or set results to another folder"
         ) from None
-    found |= {_key(row): row for row in rows}
-    return sorted(found.values(), key=lambda row: (row["experiment"], row["test"]["nmae"]))
+    own = {_key(row) for row in rows}
+    return sorted(
+        [*rows, *(row for key, row in found.items() if key not in own)],
+        key=lambda row: (row["experiment"], row["test"]["nmae"]),
+    )
 
 
 def _key(row: dict[str, Any]) -> tuple[Any, ...]:

@@ -230,8 +230,8 @@ def require(
         if not isfinite(value) or value > high or value < low or (strict and value == low):
             bounds = f"{'(' if strict else '['}{low:g}, {high:g}{']' if isfinite(high) else ')'}"
             raise InputError(f"{where} = {value:g} is outside {bounds}; {change}")
-        if whole and value != int(value):
-            raise InputError(f"{where} = {value:g} is not a whole number; {change}")
+        if whole and not isinstance(value, int):  # nor 1e3, which counts nothing
+            raise InputError(f"{where} = {value!r} is not a whole number; {change}")
 
 
 def require_list(owner: Any, count: int, low: float, high: float, **named: Any) -> None:

@@ -65,8 +65,14 @@ class ConformalInterval:
             limit: Largest clearance [m].
         """
         if not 0 < coverage < 1:
-            raise InputError(f"interval.coverage={coverage}: must be between 0 and 1; set interval.coverage")
+            raise InputError(
+                f"calibration.coverage={coverage}: must be between 0 and 1; set calibration.coverage"
+            )
         errors = [abs(robust_mean(estimates) - truth) for estimates, truth in validation]
+        if not np.isfinite(errors).all():
+            raise InputError(
+                "the model's estimates are no numbers: its training failed; lower trainer.optimizer.lr"
+            )
         floor = max(float(np.median(errors)), 1e-6 * limit)  # an exact model still gets an interval
         most = min(len(estimates) for estimates, _ in calibration)
         table = [2**k for k in range(most.bit_length()) if 2**k < most] + [most]

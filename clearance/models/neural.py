@@ -71,6 +71,14 @@ class Training:
             raise InputError(f"trainer.optimizer: {error}; change trainer.optimizer") from error
 
 
+class Patience(EarlyStopping):
+    """Early stopping that has stopped for good: a training that is resumed later is not trained on."""
+
+    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Stop before the first epoch where the last one before a kill was one too many."""
+        trainer.should_stop = trainer.should_stop or self.wait_count >= self.patience
+
+
 class NeuralEstimator:
     """A network, how it is trained, and afterwards its best weights.
 
@@ -116,7 +124,7 @@ class NeuralEstimator:
         best = ModelCheckpoint(run.checkpoints, "best", monitor=plan.monitor, enable_version_counter=False)
         timer = Timer(verbose=False)
         callbacks = [
-            EarlyStopping(plan.monitor, patience=plan.patience),
+            Patience(plan.monitor, patience=plan.patience),
             timer,
             best,
             ModelCheckpoint(run.checkpoints, "last", enable_version_counter=False),

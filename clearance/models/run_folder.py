@@ -17,6 +17,11 @@ from clearance.errors import InputError
 from clearance.whole_files import read_yaml, write_atomically, write_json
 
 CONFIG, METRICS = "config.yaml", "metrics.json"
+_OUTDATED = (
+    METRICS, "model.*", "scalers.json", "calibration.json", "fresh.json", "perturbed.json",
+    "events.out.tfevents.*",
+)  # fmt: skip
+"""Of another training: what it left, and what was measured of its weights since."""
 
 
 @dataclass
@@ -43,8 +48,8 @@ class RunFolder:
             )
         if not resume or other:
             shutil.rmtree(path / "checkpoints", ignore_errors=True)
-            for outdated in (path / METRICS, *path.glob("events.out.tfevents.*")):
-                outdated.unlink(missing_ok=True)
+            for outdated in [one for pattern in _OUTDATED for one in path.glob(pattern)]:
+                outdated.unlink()
         text = yaml.safe_dump(config, sort_keys=False)
         write_atomically(path / CONFIG, lambda file: file.write_text(text, encoding="utf-8"))
         return cls(path, seed, TensorBoardLogger(path, name="", version="", default_hp_metric=False))
@@ -101,7 +106,7 @@ def _task(config: dict[str, Any]) -> dict[str, Any]:
 
 def _named(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _named(one) for key, one in value.items() if one is not None}
+        return {key: _named(one) for key, one in value.items() if one is not None and key != "progress"}
     return [_named(one) for one in value] if isinstance(value, list) else value
 
 

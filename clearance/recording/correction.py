@@ -13,12 +13,15 @@ from clearance.recording.channels import AXIS_PAIRS
 from clearance.recording.recording import Recording
 from clearance.recording.sensors import declared_chain
 
+_PARALLEL = 0.1  # cosine of the angle by which two axes differ from a right one: less tells them not apart
+
 
 def corrected(recording: Recording) -> Recording:
     """What ideal sensors would have written; the same object where nothing is declared.
 
     Raises:
-        InputError: if a mounting angle is declared for an axis whose partner was not recorded.
+        InputError: if a mounting angle is declared for an axis whose partner was not recorded, or leaves both
+            axes of a pair along about one direction.
     """
     chain = declared_chain(recording)
     if not chain.sensors:
@@ -39,6 +42,12 @@ def corrected(recording: Recording) -> Recording:
             raise InputError(
                 f"sensors: a mounting_angle mixes {first} and {turned}, but {missing[0]} is not recorded; "
                 "record it too, or leave the angle out"
+            )
+        if abs(np.cos(alpha - beta)) < _PARALLEL:
+            raise InputError(
+                f"sensors: mounting_angle = {np.degrees(alpha):g} of {first} and {np.degrees(beta):g} of "
+                f"{turned} leave both along one direction; correct sensors.{first}.mounting_angle or "
+                f"sensors.{turned}.mounting_angle"
             )
         mixing = np.array([[np.cos(alpha), np.sin(alpha)], [-np.sin(beta), np.cos(beta)]])
         columns[first], columns[turned] = np.linalg.solve(mixing, np.stack([columns[first], columns[turned]]))

@@ -56,14 +56,14 @@ class MeasuredSource(FixedSource):
             )
         clearances = np.array([[_number(entry, name, self.path) for name in targets] for entry in entries])
         digest.update(clearances.tobytes())
-        names = [str(entry.get("group") or number) for number, entry in enumerate(entries)]
+        names = [_group(entry, number) for number, entry in enumerate(entries)]
         return LabelledRecordings(
             channels=tuple(channels),
             rate=rates.pop(),
             signals=np.concatenate(signals),
             lengths=np.array([len(s) for s in signals]),
             target=clearances,
-            speed=np.array([float(entry.get("speed") or "nan") for entry in entries]),
+            speed=np.array([_speed(entry, self.path) for entry in entries]),
             groups=np.unique(names, return_inverse=True)[1],
             fingerprint=digest.hexdigest(),
             chain=chains[0],
@@ -83,6 +83,23 @@ def _entries(path: Path) -> list[dict[str, Any]]:
     ):
         raise InputError(f"{path}: must be a list of entries, each with a path; set data.source.path")
     return entries
+
+
+def _group(entry: dict[str, Any], number: int) -> str:
+    """What must not be split: a group of the list, which may be 0, or the entry alone."""
+    group = entry.get("group")
+    return f"alone {number}" if group in (None, "") else f"group {group}"
+
+
+def _speed(entry: dict[str, Any], path: str) -> float:
+    """Nominal speed [rad/s]; no number where none is given."""
+    given = entry.get("speed")
+    try:
+        return float("nan") if given in (None, "") else float(given)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{path}: {entry['path']} has speed={given!r}: must be a number [rad/s]; correct the list"
+        ) from None
 
 
 def _number(entry: dict[str, Any], key: str, path: str) -> float:

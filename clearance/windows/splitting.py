@@ -35,7 +35,7 @@ class RandomSplit:
         if not (self.train > 0 and self.validation > 0 and self.train + self.validation < 1):
             raise InputError(
                 f"split.train={self.train}, split.validation={self.validation}: both must be above 0 "
-                "and their sum below 1; set split.train and split.validation"
+                "and their sum below 1; set data.split.train and data.split.validation"
             )
 
     def divide(self, groups: np.ndarray) -> Split:

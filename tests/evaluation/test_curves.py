@@ -65,6 +65,11 @@ def test_rows_of_other_machines_stay_and_a_training_repeated_here_counts(tmp_pat
     assert [one["experiment"] for one in merged] == sorted(one["experiment"] for one in ROWS)
 
 
+def test_trainings_that_differ_in_what_a_row_does_not_tell_are_both_reported(tmp_path):
+    own = [row("quick", 300, 0.6), row("quick", 300, 0.9)]
+    assert with_recorded(own, tmp_path / "trainings.json") == own
+
+
 @pytest.mark.parametrize("content", ['[{"name": "x"}]', "[1]", "{"])
 def test_a_file_that_is_no_record_is_named_and_kept(tmp_path, content):
     (tmp_path / "trainings.json").write_text(content)

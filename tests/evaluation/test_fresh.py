@@ -4,12 +4,14 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
 
 from clearance.commands import CONFIGURATION
 from clearance.errors import InputError
+from clearance.evaluate import measure_coverage
 from clearance.evaluation.fresh import FRESH, evaluate_fresh, read_fresh
 from clearance.evaluation.results import collect, markdown, marks, put_between_marks
 from clearance.models.gauge import Gauge
@@ -53,6 +55,13 @@ def test_coverage_on_fresh_simulations(forest):
     assert summary["median_width_m"] < 0.9e-3  # not by calling everything possible
     assert summary["trusted"] > 0.8
     assert len(set(result.truth)) == FRESH_RECORDINGS
+
+
+def test_of_recordings_that_no_campaign_made_nothing_fresh_is_simulated(tmp_path):
+    source = {"source": {"_target_": "clearance.windows.measured.MeasuredSource"}}
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump({"campaign": {"runs": 3}, "data": source}))
+    measure_coverage(tmp_path, 10)
+    assert not (tmp_path / FRESH).exists()
 
 
 def test_a_gauge_of_another_machine_is_not_trusted(forest):

@@ -32,6 +32,12 @@ def test_the_stated_share_of_intervals_holds_the_truth(windows):
     assert share < (0.9 + 1 / 46 + 0.0126 if windows != 5 else 0.96)
 
 
+def test_estimates_that_are_no_numbers_are_refused():
+    known = recordings(np.random.default_rng(1), 3)
+    with pytest.raises(InputError, match=r"no numbers.*lower trainer\.optimizer\.lr"):
+        ConformalInterval.calibrate([*known, (np.full(20, np.nan), 1e-4)], known)
+
+
 def test_too_few_recordings_give_the_whole_range():
     rng = np.random.default_rng(1)
     interval = ConformalInterval.calibrate(recordings(rng, 3), recordings(rng, 5), coverage=0.9, limit=1e-3)

@@ -132,6 +132,12 @@ def test_training_stops_when_validation_does_not_improve(make_data, open_run):
     estimator.fit(make_data(), run)
     last = torch.load(run.checkpoints / "last.ckpt", weights_only=True)
     assert last["epoch"] == 2  # the first epoch is best, two more are not better
+    # killed after that, while its interval was calibrated
+    again = configured("lstm", "trainer.epochs=50", "trainer.patience=2", "trainer.monitor=val/loss")
+    again.fit(make_data(), run)
+    assert torch.load(run.checkpoints / "last.ckpt", weights_only=True)["epoch"] == 2
+    for name, weight in estimator.net.state_dict().items():
+        assert torch.equal(weight, again.net.state_dict()[name]), name
 
 
 def test_fold_must_divide_the_window():

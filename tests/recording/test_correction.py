@@ -37,6 +37,12 @@ def test_nothing_declared_changes_nothing():
     assert corrected(recording) is recording
 
 
+def test_axes_along_one_direction_are_refused():
+    turned = truth(metadata={"sensors": {"rod_c_axial": {"mounting_angle": 90.0}}})
+    with pytest.raises(InputError, match=r"mounting_angle = 0 of rod_c_transverse and 90 of rod_c_axial"):
+        corrected(turned)
+
+
 def test_a_mounting_angle_needs_both_axes():
     alone = truth(PAIR[:1], {"sensors": {"rod_c_transverse": {"mounting_angle": 4.0}}})
     with pytest.raises(InputError, match="rod_c_axial is not recorded"):

@@ -68,6 +68,26 @@ def test_files_may_be_known_by_the_clearances_of_both_joints(measured):
     np.testing.assert_array_equal(both[:, 1:], one)
 
 
+@pytest.mark.parametrize("groups", [["0", "0", "0", "1", "1", "1"], ["", "1", "", "", "1", ""]])
+def test_recordings_of_a_group_stay_together_whatever_it_is_called(measured, groups):
+    rows = measured.read_text().splitlines()
+    grouped = measured.with_name("groups.csv")
+    grouped.write_text(
+        "\n".join([rows[0], *(row + group for row, group in zip(rows[1:], groups, strict=True))])
+    )
+    found = loaded("data=measured", f"data.source.path={grouped}", "data.split.train=0.5").recordings.groups
+    for i, one in enumerate(groups):
+        for j, other in enumerate(groups):
+            assert (found[i] == found[j]) == (i == j or (one == other != "")), (i, j)
+
+
+def test_a_speed_that_is_no_number_is_named(measured):
+    wrong = measured.with_name("speeds.csv")
+    wrong.write_text("path,clearance_c,speed\n0.parquet,1e-4,600 rpm\n")
+    with pytest.raises(InputError, match=r"speed='600 rpm': must be a number \[rad/s\]"):
+        loaded("data=measured", f"data.source.path={wrong}")
+
+
 def test_only_clearances_of_the_joints_are_estimated():
     with pytest.raises(InstantiationException, match=r"targets=\['speed'\]: must be \[clearance_b\] or"):
         loaded("targets=[speed]")
