@@ -31,6 +31,7 @@ def gather_evidence(
     after: Attempt,
     errors: Sequence[Innovations],
     here: Sequence[dict[str, Any]],
+    verdict: str,
 ) -> dict[str, Any]:
     """Everything that the report draws beside the diagnosis.
 
@@ -42,6 +43,7 @@ def gather_evidence(
         after: the best machine beside them.
         errors: of the nominal machine beside the recordings that were fitted.
         here: the smallest sizes of effects that these would have shown.
+        verdict: of the diagnosis.
     """
     best, nominal, setting = explanation.best, explanation.nominal, search.setting
     body = best.hypotheses[0].body if best.hypotheses else ""
@@ -54,7 +56,7 @@ def gather_evidence(
     judged = innovations(after, setting.joint)
     return {
         "where": locate(errors, innovations(best, setting.joint)),
-        "ranking": _ranking(explanation),
+        "ranking": _ranking(explanation, verdict),
         "overlays": _overlays(before, after),
         "checks": whiteness(judged[0].channels, [one.values for one in judged]),
         "clearance_profile": {
@@ -124,7 +126,7 @@ def _signatures(
     )  # fmt: skip
 
 
-def _ranking(explanation: Explanation) -> list[dict[str, Any]]:
+def _ranking(explanation: Explanation, verdict: str) -> list[dict[str, Any]]:
     samples, chance = sum(p.samples for p in explanation.nominal.fit.passes), probabilities(explanation)
     rows = []
     best = explanation.best
@@ -139,7 +141,7 @@ def _ranking(explanation: Explanation) -> list[dict[str, Any]]:
                 "log_likelihood_gain": 0.5 * fall,
                 "p_value": p_value(fall),
                 "parameters": {k: v for e in effects for k, v in e["parameters"].items()},
-                "asserted": attempt is best and (explained(attempt) or attempt is explanation.shown),
+                "asserted": attempt is best and (verdict != "unknown" or attempt is explanation.shown),
                 "note": f"misfit {attempt.misfit:.3g} (1 is perfect)"
                 + (
                     "; withdrawn: may as well be off, or a simpler one does as well"
@@ -167,6 +169,7 @@ def _overlays(before: Attempt, after: Attempt) -> list[dict[str, Any]]:
     measured = after.followers[0].measured
     n = min(_SHOWN // 10, len(two.predicted), len(one.predicted))
     shift = measured.values[:n]
+    seen = measured.seen(two.predicted, after.model.instrument(after.fit.values[0]))
     for i, channel in enumerate(measured.channels):
         same = before.followers[0].measured.values[:n, :, i]
         aligned = same.shape == shift[..., i].shape and bool(np.allclose(same, shift[..., i]))
@@ -176,7 +179,7 @@ def _overlays(before: Attempt, after: Attempt) -> list[dict[str, Any]]:
                 "time_s": (np.arange(n * 10) / measured.chain.rate).round(7).tolist(),
                 "recorded": shift[..., i].ravel().round(4).tolist(),
                 "before": one.predicted[:n, :, i].ravel().round(4).tolist() if aligned else None,
-                "after": two.predicted[:n, :, i].ravel().round(4).tolist(),
+                "after": seen[:n, :, i].ravel().round(4).tolist(),
             }
         )  # fmt: skip
     return found

@@ -148,6 +148,7 @@ def _held_out(
     if beside is not None and alike(machine, beside.model.machine(beside.fit.values[0])):
         speeds = beside.fit.values[:, -1:]
         found = refine((), only_speed, beside.followers, speeds, ANNEALING[1], 8, search.workers, False)
+        found.shares = beside.shares
     else:
         # what explains its own recordings is looked for with patience in others, unless it is theirs alone
         patience = PATIENCE if explained(attempt) and not _passing(own) else 0

@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.following.trace import check_length
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.hypothesis import Setting
@@ -22,12 +22,12 @@ from clearance.diagnosis.judging.verdict import (
     basis_of,
     clearance_of,
     effects_of,
-    equivalents,
     free_form_of,
     gone,
     lost,
     place_of,
     probabilities,
+    rivals,
     verdict_of,
 )
 from clearance.diagnosis.judging.words import located, sentences
@@ -137,7 +137,9 @@ def diagnose(
     channels = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > 0.1][:3]
     verdict = verdict_of(explanation, after)
     basis = basis_of(explanation, after)
-    struck = gone(after) if basis == FITTED else []  # at the strikes of a slider that the motion shows loose
+    struck = (
+        gone(after, EXPLAINED) if basis == FITTED else []
+    )  # at the strikes of a slider that the motion shows loose
     missed = lost(after) if verdict not in ("none", "unknown") and not struck else []
     if struck:
         fit["held_out"]["lost"] = struck
@@ -152,14 +154,14 @@ def diagnose(
     if judged.shares:
         fit["held_out"]["shares"] = {name: round(share, 3) for name, share in judged.shares.items()}
     body, direction = place_of(explanation, after)
-    clearance, others = clearance_of(explanation), equivalents(explanation)
+    clearance, others = clearance_of(explanation), rivals(verdict, explanation)
     named = effects_of(best, probabilities(explanation), basis) if verdict not in ("none", "unknown") else []
     here = seen_beside(search, best)
     score = explanation.hints[0].gain if explanation.hints else None
     diagnosis: dict[str, Any] = {
         "verdict": verdict,
         "summary": [
-            *sentences(verdict, explanation, joint, fit, channels or list(where["channels"])[:1]),
+            *sentences(verdict, explanation, joint, fit, channels or list(where["channels"])[:1], after),
             *located(joints),
         ],
         "mismatch": {
@@ -223,7 +225,9 @@ def diagnose(
         "peak_memory_mib": round(peak_memory()),
     }  # fmt: skip
     search.report(f"verdict: {verdict}; gathering what the report shows")
-    evidence = gather_evidence(search, explanation, judged.held_out, judged.before, after, errors_fit, here)
+    evidence = gather_evidence(
+        search, explanation, judged.held_out, judged.before, after, errors_fit, here, verdict
+    )
     model = setting.model(best.hypotheses)
     return Outcome(diagnosis, evidence, model.machine(best.fit.values[0]), explanation)
 

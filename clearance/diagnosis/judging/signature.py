@@ -6,6 +6,7 @@ then roll for another, so every model runs several times from different starts.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from clearance.diagnosis.judging import impacts
 from clearance.diagnosis.judging.revolutions import Running, phase_average, registered, spectrum
 from clearance.diagnosis.sensing.instrument import Instrument
-from clearance.diagnosis.sensing.measured import Measured
+from clearance.diagnosis.sensing.measured import Measured, pace
 from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.channels import CHANNELS
@@ -128,7 +129,8 @@ def _as_seen(run: Running, measured: Measured, instrument: Instrument | None) ->
     values = run.values
     if instrument is not None:
         names = [Signal(i).name.lower() for i in range(values.shape[2])]
-        values = np.array([instrument.apply(one, names, run.rate) for one in values])
+        own, counted = replace(instrument, timebase=0.0), pace(range(len(names)), instrument)
+        values = np.array([own.apply(one / counted, names, run.rate) for one in values])
     angle = run.angle
     if not _has_encoder(measured):  # placed by the same rule as the recording's samples
         time = np.arange(angle.shape[1])

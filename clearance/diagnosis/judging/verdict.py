@@ -108,9 +108,15 @@ def equivalents(explanation: Explanation) -> list[Attempt]:
         and explained(a)
         and explanation.price(a) < limit
         and a.level < _WORSE * best.level
-        and not {h.name for h in best.hypotheses} <= {h.name for h in a.hypotheses}
+        and not {(h.name, h.channel) for h in best.hypotheses} <= {(h.name, h.channel) for h in a.hypotheses}
     ]
     return [best, *sorted(alike, key=explanation.price)]
+
+
+def rivals(verdict: str, explanation: Explanation) -> list[Attempt]:
+    """The best attempt and what it cannot be told from; of what is not asserted nothing is said."""
+    told = verdict != "unknown" or unnamed(explanation.best.hypotheses) is not None
+    return equivalents(explanation) if told else [explanation.best]
 
 
 def place_of(explanation: Explanation, held_out: Attempt | None = None) -> tuple[str | None, str | None]:
@@ -165,10 +171,10 @@ def lost(held_out: Attempt) -> list[str]:
     return gone(held_out) if min(held_out.misfits) < EXPLAINED else []
 
 
-def gone(held_out: Attempt) -> list[str]:
-    """Names of held-out recordings on which the path was lost."""
+def gone(held_out: Attempt, most: float = _LOST) -> list[str]:
+    """Names of held-out recordings on which the path was lost: more than ``most`` is left."""
     each = zip((f.measured.name for f in held_out.followers), held_out.misfits, strict=True)
-    return [name for name, misfit in each if misfit > _LOST]
+    return [name for name, misfit in each if misfit > most]
 
 
 def vouched(explanation: Explanation, held_out: Attempt) -> bool:
@@ -185,12 +191,13 @@ def vouched(explanation: Explanation, held_out: Attempt) -> bool:
         return False
     away = np.abs(best.fit.values[0, :2] - [rails.clearance, rails.gap])
     each = zip(held_out.misfits, held_out.fit.passes, strict=True)
-    astray = any(EXPLAINED <= misfit <= _LOST and _typical(one) >= EXPLAINED for misfit, one in each)
+    typical = EXPLAINED / held_out.scale**2
+    astray = any(EXPLAINED <= misfit <= _LOST and _typical(one) >= typical for misfit, one in each)
     return bool((away < _WITHIN * rails.deviations[:2]).all()) and not astray
 
 
 def _typical(one: Comparison) -> float:
-    """Cost a sample of the segment in the middle of all, by what is left of each."""
+    """Cost a sample at the scale of the fit, of the middle one of all segments."""
     return float(np.median(one.each[EDGE:-EDGE]))
 
 

@@ -5,16 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import explained
+from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import DAMPING, unnamed
 from clearance.diagnosis.judging.verdict import (
     argument_of,
     clearance_of,
     cushioned,
-    equivalents,
     estimates,
     nearer,
     place_of,
+    rivals,
 )
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.applied_force import TabulatedForce
@@ -24,9 +24,14 @@ _HELPS = 0.99  # of the held-out error before: what leaves more is not said to l
 
 
 def sentences(
-    verdict: str, explanation: Explanation, joint: str, fit: dict[str, Any], channels: Sequence[str]
+    verdict: str,
+    explanation: Explanation,
+    joint: str,
+    fit: dict[str, Any],
+    channels: Sequence[str],
+    held_out: Attempt | None = None,
 ) -> list[str]:
-    """The diagnosis in plain words, the headline first."""
+    """The diagnosis in plain words, the headline first; ``held_out`` as of ``verdict_of``."""
     best, nominal = explanation.best, explanation.nominal
     before, after = nominal.fit.values[0, 0] * 1e3, clearance_of(explanation).value * 1e3
     held = fit["held_out"]
@@ -52,7 +57,7 @@ def sentences(
             f"held out was lost at the slider's strikes (errors {held['after']:.3g}, floor 1.00),"
         )
     if verdict == "unknown" and not best.hypotheses:
-        body, direction = place_of(explanation)
+        body, direction = place_of(explanation, held_out)
         guess = f" What comes nearest acts on the {body.replace('_', ' ')} ({direction})." if body else ""
         return [
             "Something is missing that none of the tried hypotheses explains: the nominal model's errors are "
@@ -93,14 +98,14 @@ def sentences(
     if verdict == "unknown" and curve is None:
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
         if nearer(explanation):
-            body, direction = place_of(explanation)
+            body, direction = place_of(explanation, held_out)
             lines.append(
                 f"A force without a name on the {str(body).replace('_', ' ')} ({direction}) comes nearer to "
                 "one recording; no table of it was found that explains all."
             )
     if verdict == "unknown":
         lines += _gap(explanation)
-    others = equivalents(explanation)[1:] if verdict != "unknown" or curve is not None else []
+    others = rivals(verdict, explanation)[1:]
     if others:
         names = " or ".join(" with ".join(h.name for h in a.hypotheses) for a in others)
         lines.append(f"With these sensors it cannot be told from {names}.")

@@ -20,7 +20,9 @@ from clearance.diagnosis.hypotheses.free_form import (
     along,
     curve_of,
     free_form,
+    known_force,
     refined,
+    stepped,
     unnamed,
 )
 from clearance.diagnosis.hypotheses.missing_force import (
@@ -31,6 +33,8 @@ from clearance.diagnosis.hypotheses.missing_force import (
 )
 from clearance.diagnosis.searching.balance import suggest_names
 from clearance.diagnosis.searching.beside import beside
+from clearance.diagnosis.searching.elsewhere import rhythm_of
+from clearance.diagnosis.searching.everywhere import fit_everywhere
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import shapes
 from clearance.diagnosis.searching.search import Search
@@ -151,7 +155,10 @@ def refine_table(search: Search, explanation: Explanation, curve: Curve, coarse:
 
     Again with twice as many, as long as these leave much less.
     """
-    while coarse.misfit < _HALF * explanation.nominal.misfit and coarse.scale <= ANNEALING[3]:
+    if _place_jumps(search, explanation, replace(curve, forces=coarse.fit.values[0, 1:-1]), coarse):
+        return
+    left, room = _HALF * explanation.nominal.misfit, TABLE_KNOTS // 2
+    while coarse.misfit < left and coarse.scale <= ANNEALING[3] and len(curve.knots) <= room:
         finer = list[tuple[Attempt, Curve]]()
         for between in _BETWEEN:
             if explained(explanation.best) or search.late():
@@ -160,7 +167,7 @@ def refine_table(search: Search, explanation: Explanation, curve: Curve, coarse:
         found, fine = min(finer, key=lambda one: one[0].misfit, default=(coarse, curve))
         if fine.period is not None and not search.late():
             found, fine = _retime(search, explanation, fine, found)
-        if found.misfit > _MUCH_LESS * coarse.misfit or 2 * len(fine.knots) > TABLE_KNOTS:
+        if found.misfit > _MUCH_LESS * coarse.misfit:
             return
         curve, coarse = fine, found
 
@@ -226,11 +233,40 @@ def sharpen(search: Search, explanation: Explanation) -> None:
         assert isinstance(law, TabulatedForce)
         if law.argument not in ARGUMENTS or 2 * len(law.values) > TABLE_KNOTS:
             return
+        if _place_jumps(search, explanation, curve_of(law), best):
+            return
         for between in _BETWEEN:
             if not search.late():
                 _double(search, explanation, curve_of(law), best, between)
         if explanation.best is best:
             return
+
+
+def _place_jumps(search: Search, explanation: Explanation, curve: Curve, coarse: Attempt) -> bool:
+    """Follow a force over time that jumps between two levels as such, then fit it; whether that says more.
+
+    Beside a slope in the place of a jump a path is torn, and no finer table mends it: it is sought anew with
+    jumps that lie where the slope's impulse tells.
+    """
+    sharp = None if curve.period is None or search.late() else stepped(curve)
+    if sharp is None:
+        return False
+    search.report(f"  as two levels of {sharp.forces.min():.4g} and {sharp.forces.max():.4g} with jumps")
+    held, surest = [known_force(sharp)], int(np.argmin([start.doubt for start in search.starts]))
+    row = coarse.fit.values[surest][[0, -1]]
+    with search.timed(rhythm_of(coarse)):
+        known = search.keep(
+            explanation, held,
+            lambda: fit_everywhere(search, held, row, surest, coarse, anew=True, clearance=float(row[0])),
+            again=True,
+        )  # fmt: skip
+    if known is None:
+        return False
+    known.withdrawn = True  # its levels are of the coarse table, and nothing tells how sure they are
+    values = np.array([[one[0], *sharp.forces, one[-1]] for one in known.fit.values])
+    fitted = [free_form(sharp, search.setting.joint)]
+    found = search.refit(explanation, fitted, known.followers, values, ANNEALING[3], again=True)
+    return found is not None and found is explanation.best
 
 
 def reshape(search: Search, explanation: Explanation, best: Attempt) -> None:
@@ -287,7 +323,8 @@ def _name_torque(search: Search, explanation: Explanation, best: Attempt) -> Non
         return
     try:
         row = best.fit.values[0]
-        alike = suggest_names(search, best.model.machine(row), float(row[0]))
+        with search.timed(rhythm_of(best)):
+            alike = suggest_names(search, best.model.machine(row), float(row[0]))
     except np.linalg.LinAlgError:
         return
     for one in alike[:_LIKE]:

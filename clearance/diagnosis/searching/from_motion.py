@@ -9,7 +9,7 @@ from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.searching.balance import Suggested, settle_in, suggest_forces
 from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, SHARED
-from clearance.diagnosis.searching.elsewhere import begin_again
+from clearance.diagnosis.searching.elsewhere import begin_again, rhythm_of
 from clearance.diagnosis.searching.everywhere import fit_from
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import refine_table
@@ -273,15 +273,17 @@ def begin_dimensions(
             continue
         new = part.hypotheses and all(not same(one.hypothesis, held) for held in part.hypotheses)
         if new and part.misfit < HALFWAY * nominal.misfit and len(part.hypotheses) < most:
-            more, clearance = part.hypotheses, one.clearance
+            more, clearance, rhythm = part.hypotheses, one.clearance, rhythm_of(part)
             values = part.fit.values[0, 1 : part.model.shared]
         else:
             force = None if one is tried else _beside_dimension(search, one, most)
             if force is None:
                 continue
             more, values, clearance = force.hypotheses, force.values, force.clearance
+            rhythm = force.rhythm
         sizes = np.append(size, values)
-        fit_from(search, explanation, nominal, [one.hypothesis, *more], sizes, clearance, anew=True)
+        with search.timed(rhythm):
+            fit_from(search, explanation, nominal, [one.hypothesis, *more], sizes, clearance, anew=True)
         if explained(explanation.best) or search.late():
             return
 

@@ -122,10 +122,8 @@ def _heard(attempt: Attempt, *disputed: str) -> float:
     for follower, row, one in zip(attempt.followers, attempt.fit.values, attempt.fit.passes, strict=True):
         measured = follower.measured
         channels = len(measured.channels)
-        told = attempt.model.instrument(row).apply(
-            one.predicted.reshape(-1, channels), measured.channels, measured.chain.rate
-        )
-        residuals = (told.reshape(measured.values.shape) - measured.values) / measured.sigma
+        told = measured.seen(one.predicted, attempt.model.instrument(row))
+        residuals = (told - measured.values) / measured.sigma
         silent = [measured.channels.index(channel) for channel in disputed]
         calm = residuals[steady(residuals, silent)].reshape(-1, channels)
         total += len(calm) * float((disagreement(calm) ** 2).sum())

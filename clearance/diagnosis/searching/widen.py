@@ -22,6 +22,7 @@ from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, beside
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint, screen
 from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.suspicion import steady, suspect
 from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.errors import InputError
@@ -150,7 +151,7 @@ def deafen(search: Search, explanation: Explanation, base: Attempt, channel: str
 
 
 def side_by_side(base: Attempt, hearing: Sequence[Follower]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What was recorded, what an attempt predicts, and the noise.
+    """What was recorded, what an attempt predicts by the recorder's clock, and the noise.
 
     Returns:
         Twice (segments of all recordings, samples, channels), and (channels,) mean standard deviations.
@@ -160,7 +161,9 @@ def side_by_side(base: Attempt, hearing: Sequence[Follower]) -> tuple[np.ndarray
         hearing: followers on its paths, with what was recorded.
     """
     recorded = np.concatenate([one.measured.values for one in hearing])
-    predicted = np.concatenate([one.predicted for one in base.fit.passes])
+    clocks = [Instrument(timebase=base.model.instrument(row).timebase) for row in base.fit.values]
+    each = zip(hearing, base.fit.passes, clocks, strict=True)
+    predicted = np.concatenate([own.measured.seen(one.predicted, clock) for own, one, clock in each])
     return recorded, predicted, np.mean([one.measured.sigma for one in hearing], axis=0)
 
 

@@ -1,5 +1,6 @@
 """A recording as the estimator sees it: cut into segments, with its filter and its noise."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,6 +48,12 @@ def filter_weights(chain: MeasurementChain, samples: int, reach: int) -> np.ndar
     for sample in range(samples):  # what is cut off must not change the gain at zero frequency
         weights[sample::samples] /= weights[sample::samples].sum()
     return weights
+
+
+def pace(signals: Iterable[int], instrument: Instrument) -> np.ndarray:
+    """(signals,) by which a wrong clock divides: rates and accelerations are counted in its seconds."""
+    found: np.ndarray = (1.0 + instrument.timebase) ** np.array([_PACE.get(Signal(s), 2.0) for s in signals])
+    return found
 
 
 @dataclass(frozen=True)
@@ -142,19 +149,23 @@ class Measured:
         whole = np.zeros_like(self.recorded)
         begin = (self.first + first) * SAMPLES
         flat = residual.reshape(-1, residual.shape[2])
-        whole[begin : begin + len(flat)] = flat / self._pace(instrument)
+        whole[begin : begin + len(flat)] = flat / pace(self.signals, instrument)
         seen = replace(instrument, bias={}, saturation={}, timebase=0.0)
         recorded = self.recorded - seen.apply(whole, self.channels, self.chain.rate)
         values = self.values.copy()
         values[first : first + len(residual)] -= residual
         return replace(self, values=values, recorded=recorded)
 
-    def _pace(self, instrument: Instrument) -> np.ndarray:
-        """(channels,) by which a wrong clock divides: rates and accelerations are counted in its seconds."""
-        pace: np.ndarray = (1.0 + instrument.timebase) ** np.array(
-            [_PACE.get(Signal(s), 2.0) for s in self.signals]
-        )
-        return pace
+    def seen(self, faultless: np.ndarray, instrument: Instrument) -> np.ndarray:
+        """What instruments make of what faultless ones would have recorded: ``restored`` backwards.
+
+        Args:
+            faultless: (segments, samples, channels), by the samples of the recorder's own clock.
+            instrument: what they do.
+        """
+        counted = faultless.reshape(-1, faultless.shape[2]) / pace(self.signals, instrument)
+        own = replace(instrument, timebase=0.0)
+        return own.apply(counted, self.channels, self.chain.rate).reshape(faultless.shape)
 
     def restored(self, instrument: Instrument) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What faultless instruments would have recorded.
@@ -169,10 +180,10 @@ class Measured:
         free = replace(instrument, bias={}, saturation={})
         quiet, _ = free.correct(_NOISE[:, : len(self.channels)], self.channels, self.chain.rate)
         sigma = self.sigma * quiet.std(axis=0)
-        pace = self._pace(instrument)
+        counted = pace(self.signals, instrument)
         part = slice(self.first * SAMPLES, self.first * SAMPLES + self.values[..., 0].size)
         shape = self.values.shape
-        return (whole * pace)[part].reshape(shape), sigma * pace, known[part].reshape(shape)
+        return (whole * counted)[part].reshape(shape), sigma * counted, known[part].reshape(shape)
 
     def undone(self, instrument: Instrument) -> "Measured":
         """The same recording as faultless instruments would have made it."""

@@ -20,6 +20,10 @@ def test_what_the_motion_shows_is_listed_once_though_it_was_followed(monkeypatch
     for shown, asserted in ((pushed, True), (None, False)):
         nominal = attempt([], 1.0)
         explanation = Explanation(nominal, [pushed, spring], shown=shown, shaken="shaken")
-        rows = _ranking(explanation)
+        rows = _ranking(explanation, "unknown")
         assert [row["name"] for row in rows] == [FREE_FORM, "slider_spring"]
         assert [row["asserted"] for row in rows] == [asserted, False]
+    explanation = Explanation(attempt([], 90.0), [pushed, spring])
+    for verdict in ("unknown", "physics"):  # what explains the fitted recordings may not the others
+        rows = _ranking(explanation, verdict)
+        assert [row["asserted"] for row in rows] == [verdict == "physics", False]

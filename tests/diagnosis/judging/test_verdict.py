@@ -54,11 +54,15 @@ def attempt(names, misfit, kind="physics", off=0.0, each=(), typical=()):
         for n in names
     )
     each = list(each) or [misfit]
-    passes = [SimpleNamespace(samples=10_000 // len(each), each=np.full(100, one)) for one in typical or each]
+    scale = 1.0 if misfit < 2 else 10.0
+    passes = [
+        SimpleNamespace(samples=10_000 // len(each), each=np.full(100, one / scale**2))
+        for one in typical or each
+    ]
     recorded = [SimpleNamespace(name=f"{r}.csv", first=0) for r in range(len(each))]
     followers = [SimpleNamespace(measured=one, segments=100) for one in recorded]
     return SimpleNamespace(
-        hypotheses=hypotheses, misfit=misfit, level=misfit, scale=1.0 if misfit < 2 else 10.0,
+        hypotheses=hypotheses, misfit=misfit, level=misfit, scale=scale,
         withdrawn=False, reach=None, followers=followers, misfits=each, shares=(),
         fit=SimpleNamespace(passes=passes, cost=10_000 * misfit),
         model=SimpleNamespace(shared=1 + len(names)),

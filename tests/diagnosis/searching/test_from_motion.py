@@ -267,7 +267,9 @@ def test_a_dimension_that_was_tried_is_fitted_beside_what_was_found_since_alone(
     part.fit.values = np.array([[3e-4, -9.9, 700.0]])
     monkeypatch.setattr(from_motion, "suggest_forces", lambda *_, named: Suggested([], True))
     monkeypatch.setattr(from_motion, "fit_from", fit)
-    search = SimpleNamespace(setting=Setting("machine", "B"), late=lambda: False)
+    search = SimpleNamespace(
+        setting=Setting("machine", "B"), late=lambda: False, timed=lambda rhythm: nullcontext()
+    )
     nominal = attempt([], 1000.0)
     begin_dimensions(search, Explanation(nominal, [part]), [first, other], first, 2)
     assert tried == [["slider_offset", "gravity"], ["second_clearance"], ["second_clearance", "gravity"]]

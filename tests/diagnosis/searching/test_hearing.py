@@ -22,6 +22,7 @@ def heard(name, misfit, recorded, predicted, instrument, channel=CHANNEL):
     measured = SimpleNamespace(
         channels=(CHANNEL, OTHER), values=recorded.reshape(-1, 10, 2), sigma=np.full(2, 0.05),
         chain=SimpleNamespace(rate=RATE),
+        seen=lambda one, faults: faults.apply(one.reshape(-1, 2), (CHANNEL, OTHER), RATE).reshape(one.shape),
     )  # fmt: skip
     found.followers = [SimpleNamespace(measured=measured)]
     found.fit.passes = [SimpleNamespace(predicted=predicted.reshape(-1, 10, 2), samples=len(predicted))]

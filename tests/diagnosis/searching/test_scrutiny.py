@@ -11,7 +11,7 @@ from clearance.diagnosis.searching import scrutiny
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.searching.scrutiny import _compare_orders, _misheard
-from clearance.diagnosis.sensing.instrument import respond
+from clearance.diagnosis.sensing.instrument import Instrument, respond
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.judging.test_verdict import attempt
 
@@ -29,12 +29,14 @@ def base(delay):
     recorded += NOISE * rng.normal(size=recorded.shape)
     measured = SimpleNamespace(
         channels=CHANNELS, sigma=np.full(3, NOISE), filtered=2, values=recorded.reshape(400, 10, 3),
-        chain=SimpleNamespace(rate=RATE),
+        chain=SimpleNamespace(rate=RATE), seen=lambda faultless, instrument: faultless,
     )  # fmt: skip
     one = SimpleNamespace(predicted=impacts.reshape(400, 10, 3))
     return SimpleNamespace(
-        followers=[SimpleNamespace(measured=measured)], fit=SimpleNamespace(passes=[one]), hypotheses=()
-    )
+        followers=[SimpleNamespace(measured=measured)], hypotheses=(),
+        fit=SimpleNamespace(passes=[one], values=np.zeros((1, 2))),
+        model=SimpleNamespace(instrument=lambda row: Instrument()),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("delay", [0.0, 2.2e-4])

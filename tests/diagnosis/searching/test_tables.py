@@ -1,5 +1,6 @@
 """Forces of free form as tables: the same curve with other knots, and when more of them are tried."""
 
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
@@ -15,10 +16,12 @@ from clearance.diagnosis.hypotheses.free_form import (
     free_form,
     halved,
     refined,
+    stepped,
 )
 from clearance.diagnosis.searching import free_search
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.applied_force import TabulatedForce
+from clearance.mechanism.parameters import TABLE_KNOTS
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.judging.test_verdict import attempt
 
@@ -53,6 +56,47 @@ def test_a_table_with_half_as_many_knots_covers_the_same_range(argument):
     fewer, places = halved(curve), np.linspace(low, high, 100)
     assert (len(fewer.knots), fewer.interpolation) == (6, "cubic")
     np.testing.assert_allclose(along(fewer, places), np.cos(places), atol=0.1)
+
+
+def sampled(shape, knots):
+    """The table of ``knots`` that says most of a force of period 0.2, with a little noise, and all of it."""
+    curve = Curve(
+        "slider", "x", "time", 0.2 * np.arange(knots) / knots, np.ones(knots), np.zeros(knots), 0.0, 0.0,
+        period=0.2,
+    )  # fmt: skip
+    time = np.linspace(0.0, 0.2, 2000, endpoint=False)
+    true = shape(time)
+    forces = np.linalg.lstsq(curve.shares(time), true, rcond=None)[0]
+    return replace(curve, forces=forces + 0.3 * np.random.default_rng(knots).normal(size=knots)), time, true
+
+
+@pytest.mark.parametrize("part", [0.5, 0.3])
+@pytest.mark.parametrize("start", [0.003, 0.05, 0.1234])
+def test_a_wave_of_two_levels_jumps_where_the_slopes_of_its_table_have_their_impulse(start, part):
+    curve, time, true = sampled(lambda t: np.where((t - start) % 0.2 < 0.2 * part, 20.0, -8.0), 24)
+    sharp = stepped(curve)
+    assert len(sharp.knots) == TABLE_KNOTS
+    assert sharp.period == 0.2
+    left, before = along(sharp, time) - true, along(curve, time) - true
+    assert left.std() < 0.9 * before.std()
+    wrong = np.abs(left) > 3.0
+    assert wrong.mean() < 2.5 / TABLE_KNOTS < (np.abs(before) > 3.0).mean()
+    law = free_form(sharp, "C").apply(SliderCrank(), sharp.forces).force
+    np.testing.assert_allclose(along(curve_of(law), time), along(sharp, time), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        lambda t: 20.0 * np.sin(10.0 * np.pi * t),
+        lambda t: 200.0 * (t % 0.2) - 20.0,
+        lambda t: 20.0 * np.sign(np.sin(20.0 * np.pi * t)),  # four jumps
+        lambda t: np.where(t < 0.012, 20.0, 0.0),  # between two knots
+    ],
+    ids=["sine", "saw", "twice", "pulse"],
+)
+def test_what_is_of_no_two_levels_has_no_jumps(shape):
+    assert stepped(sampled(shape, 24)[0]) is None
 
 
 @pytest.mark.parametrize(
@@ -158,3 +202,45 @@ def test_a_period_is_fitted_where_the_middle_of_a_recording_stays_in_its_place(m
     assert found.misfit == 3.0
     middle = 0.1 + 0.3
     assert (measured.clock + 0.3) / measured.period == pytest.approx(middle / 0.04, abs=1e-6)
+
+
+@pytest.mark.parametrize("better", [True, False])
+def test_jumps_are_followed_as_such_before_they_are_fitted(monkeypatch, better):
+    curve = sampled(lambda t: np.where(t < 0.07, 20.0, -8.0), 24)[0]
+    coarse = with_force([FREE_FORM], 3.0, TabulatedForce("slider", "x", "time", values=(0.0,), period=0.2))
+    coarse.fit.values = np.array([[1e-4, *curve.forces, 700.0], [1e-4, *curve.forces, 900.0]])
+    coarse.followers = [SimpleNamespace(measured=Heard(clock=clock)) for clock in (0.0, 0.05)]
+    explanation, clocks, fitted = Explanation(attempt([], 40.0), [coarse]), [], []
+    known = attempt([FREE_FORM], 1.5)
+    known.fit.values = np.array([[1.1e-4, 701.0], [1.1e-4, 901.0]])
+
+    @contextmanager
+    def timed(rhythm):
+        clocks.append(rhythm)
+        yield
+
+    def keep(explanation, held, make, again):
+        make()
+        explanation.attempts.append(known)
+        return known
+
+    def refit(explanation, held, followers, values, scale, again):
+        fitted.append(values)
+        explanation.attempts.append(attempt([FREE_FORM], 1.05 if better else 5.0))
+        return explanation.attempts[-1]
+
+    def everywhere(search, held, row, surest, base, anew, clearance):
+        assert held[0].unknowns == ()
+        assert (row[0], row[1], clearance, anew) == (1e-4, 900.0, 1e-4, True)
+
+    monkeypatch.setattr(free_search, "fit_everywhere", everywhere)
+    search = SimpleNamespace(
+        late=lambda: False, report=lambda _: None, timed=timed, keep=keep, refit=refit,
+        starts=[SimpleNamespace(doubt=2.0), SimpleNamespace(doubt=1.0)], setting=SimpleNamespace(joint="C"),
+    )  # fmt: skip
+    assert free_search._place_jumps(search, explanation, curve, coarse) is better
+    assert (clocks[0].period, clocks[0].clocks) == (0.2, (0.0, 0.05))
+    assert known.withdrawn
+    assert fitted[0].shape == (2, TABLE_KNOTS + 2)
+    np.testing.assert_array_equal(fitted[0][:, [0, -1]], known.fit.values)
+    assert {round(one) for one in fitted[0][0, 1:-1]} >= {20, -8}

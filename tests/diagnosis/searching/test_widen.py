@@ -10,6 +10,7 @@ from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.searching.widen import deafen, glaring, kinds, look
+from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.judging.test_verdict import attempt
 
@@ -74,9 +75,13 @@ def test_a_signal_of_nothing_but_noise_is_clipped_by_no_limit(monkeypatch):
             sigma=np.full(2, 0.01),
             channels=channels,
             chain=SimpleNamespace(rate=1e4),
+            seen=lambda faultless, instrument: faultless,
         )
         base = SimpleNamespace(
-            fit=SimpleNamespace(passes=[SimpleNamespace(predicted=ringing.reshape(-1, 10, 2))])
+            fit=SimpleNamespace(
+                passes=[SimpleNamespace(predicted=ringing.reshape(-1, 10, 2))], values=np.zeros((1, 2))
+            ),
+            model=SimpleNamespace(instrument=lambda row: Instrument()),
         )
         channel = channels[int(expected)]
         found = kinds(SimpleNamespace(groups=groups), base, [SimpleNamespace(measured=measured)], channel)

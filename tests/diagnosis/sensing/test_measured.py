@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.sensing.encoder import ENCODER_COUNTS
+from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.measured import (
     REACH,
     SAMPLES,
@@ -139,6 +140,15 @@ def test_values_at_a_limit_are_told_from_others():
     assert measured.limits[place] == 1.0
     np.testing.assert_array_equal(measured.clipped, np.abs(measured.values) >= measured.limits)
     assert measured.clipped[..., place].any()
+
+
+@pytest.mark.parametrize("timebase", [0.0, 0.05])
+def test_what_instruments_make_of_a_signal_is_restored(timebase):
+    measured = Measured.of(recording(), CHAIN, "one")
+    faults = Instrument(gain={"rod_c_axial": 1.2}, bias={"slider_horizontal": 3.0}, timebase=timebase)
+    restored = measured.restored(faults)[0]
+    np.testing.assert_allclose(measured.seen(restored, faults), measured.values, rtol=1e-9, atol=1e-9)
+    assert np.abs(restored - measured.values).max() > 0.1
 
 
 def recording(samples=400, channels=("crank_angle", "rod_c_axial", "slider_horizontal"), rate=1e4):
