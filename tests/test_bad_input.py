@@ -118,7 +118,7 @@ def test_simulate_with_other_settings_names_them(refused, campaign, tmp_path):
         ("windows.stride=x", "stride = 'x' is not a number; change windows.stride"),
         ("data.batch_size=0", r"batch_size = 0 is outside \[1, inf\); change data.batch_size"),
         ("data.memory_gib=0", r"memory_gib = 0 is outside .*; change data.memory_gib"),
-        ("data.split.train=0.9", "their sum below 1; set split.train"),
+        ("data.split.train=0.9", "their sum below 1; set data.split.train"),
         ("clearance_range=0", r"= 0 is outside \(0, 1\]; change clearance_range"),
         ("calibration.coverage=2", r"coverage = 2 is outside \[0.01, 0.999\]"),
         ("data=stored", "Missing mandatory value: .*data.source.path"),

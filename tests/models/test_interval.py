@@ -57,7 +57,7 @@ def test_low_end_is_never_negative():
 
 
 def test_coverage_must_be_a_share():
-    with pytest.raises(InputError, match=r"interval\.coverage=1"):
+    with pytest.raises(InputError, match=r"calibration\.coverage=1"):
         ConformalInterval.calibrate(recordings(np.random.default_rng(0), 3), [], coverage=1.0)
 
 

@@ -39,7 +39,7 @@ def test_nothing_declared_changes_nothing():
 
 def test_axes_along_one_direction_are_refused():
     turned = truth(metadata={"sensors": {"rod_c_axial": {"mounting_angle": 90.0}}})
-    with pytest.raises(InputError, match=r"mounting_angle = 0 of rod_c_transverse and 90 of rod_c_axial"):
+    with pytest.raises(InputError, match=r"mounting_angle = 90 of rod_c_axial and 0 of rod_c_transverse"):
         corrected(turned)
 
 

@@ -68,7 +68,7 @@ def test_files_may_be_known_by_the_clearances_of_both_joints(measured):
     np.testing.assert_array_equal(both[:, 1:], one)
 
 
-@pytest.mark.parametrize("groups", [["0", "0", "0", "1", "1", "1"], ["", "1", "", "", "1", ""]])
+@pytest.mark.parametrize("groups", [["0", "0", "1", "1", "2", "2"], ["", "1", "", "", "1", ""]])
 def test_recordings_of_a_group_stay_together_whatever_it_is_called(measured, groups):
     rows = measured.read_text().splitlines()
     grouped = measured.with_name("groups.csv")
