@@ -34,8 +34,8 @@ class RandomSplit:
         require(self, 0.0, 1.0, train=self.train, validation=self.validation)
         if not (self.train > 0 and self.validation > 0 and self.train + self.validation < 1):
             raise InputError(
-                f"data.split.train={self.train}, data.split.validation={self.validation}: both must be above 0 "
-                "and their sum below 1; set data.split.train and data.split.validation"
+                f"data.split.train={self.train}, data.split.validation={self.validation}: both must be above "
+                "0 and their sum below 1; set data.split.train and data.split.validation"
             )
 
     def divide(self, groups: np.ndarray) -> Split:
