@@ -146,7 +146,9 @@ def stepped(curve: Curve) -> Curve | None:
     the jumps then lies in the middle between two knots, and around the other one they are means. ``None``
     where the knots are at no two levels, or there are more jumps.
     """
-    forces, count, spacing = curve.forces, len(curve.knots), float(curve.knots[1] - curve.knots[0])
+    count, spacing = len(curve.knots), float(curve.knots[1] - curve.knots[0])
+    # jumps and slopes outlast a median; a knot of which little is known, and may lie anywhere, does not
+    forces = np.median([np.roll(curve.forces, k) for k in (-1, 0, 1)], axis=0)
     above = forces > 0.5 * (forces.min() + forces.max())
     crossed = np.flatnonzero(above != np.roll(above, -1))
     if not curve.repeats or len(crossed) != 2 or min(above.sum(), count - above.sum()) < _WIDE:
@@ -155,6 +157,7 @@ def stepped(curve: Curve) -> Curve | None:
     level = np.where(above, high, low)
     if np.mean(np.abs(forces - level) > _LEVEL * (high - low)) > _SLOPES:
         return None
+    forces = np.where(np.abs(curve.forces - forces) < 0.5 * (high - low), curve.forces, forces)
     edges = []
     for i in crossed:
         around = forces[np.arange(i - 1, i + 3) % count]

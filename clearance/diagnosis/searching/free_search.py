@@ -155,7 +155,7 @@ def refine_table(search: Search, explanation: Explanation, curve: Curve, coarse:
 
     Again with twice as many, as long as these leave much less.
     """
-    if _place_jumps(search, explanation, replace(curve, forces=coarse.fit.values[0, 1:-1]), coarse):
+    if place_jumps(search, explanation, curve, coarse):
         return
     left, room = _HALF * explanation.nominal.misfit, TABLE_KNOTS // 2
     while coarse.misfit < left and coarse.scale <= ANNEALING[3] and len(curve.knots) <= room:
@@ -233,7 +233,7 @@ def sharpen(search: Search, explanation: Explanation) -> None:
         assert isinstance(law, TabulatedForce)
         if law.argument not in ARGUMENTS or 2 * len(law.values) > TABLE_KNOTS:
             return
-        if _place_jumps(search, explanation, curve_of(law), best):
+        if place_jumps(search, explanation, curve_of(law), best):
             return
         for between in _BETWEEN:
             if not search.late():
@@ -242,13 +242,14 @@ def sharpen(search: Search, explanation: Explanation) -> None:
             return
 
 
-def _place_jumps(search: Search, explanation: Explanation, curve: Curve, coarse: Attempt) -> bool:
+def place_jumps(search: Search, explanation: Explanation, curve: Curve, coarse: Attempt) -> bool:
     """Follow a force over time that jumps between two levels as such, then fit it; whether that says more.
 
     Beside a slope in the place of a jump a path is torn, and no finer table mends it: it is sought anew with
     jumps that lie where the slope's impulse tells.
     """
-    sharp = None if curve.period is None or search.late() else stepped(curve)
+    own = replace(curve, forces=coarse.fit.values[0, 1:-1])
+    sharp = None if own.period is None or search.late() else stepped(own)
     if sharp is None:
         return False
     search.report(f"  as two levels of {sharp.forces.min():.4g} and {sharp.forces.max():.4g} with jumps")
@@ -266,6 +267,8 @@ def _place_jumps(search: Search, explanation: Explanation, curve: Curve, coarse:
     values = np.array([[one[0], *sharp.forces, one[-1]] for one in known.fit.values])
     fitted = [free_form(sharp, search.setting.joint)]
     found = search.refit(explanation, fitted, known.followers, values, ANNEALING[3], again=True)
+    if found is not None and found.misfit > ROOM and not search.late():
+        found, _ = _retime(search, explanation, sharp, found)
     return found is not None and found is explanation.best
 
 

@@ -12,7 +12,7 @@ from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, SHARED
 from clearance.diagnosis.searching.elsewhere import begin_again, rhythm_of
 from clearance.diagnosis.searching.everywhere import fit_from
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.free_search import refine_table
+from clearance.diagnosis.searching.free_search import place_jumps, refine_table
 from clearance.diagnosis.searching.geometry import Dimension, suggest_clock
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.wear import suggest_wear
@@ -74,8 +74,11 @@ def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[
         if one.curve is not None and one.cost > _NO_LESS * named_cost:
             return pairs  # it says no more than a name that leaves little
         found, table = _follow_table(search, explanation, one)
-        if found is not None and table is not None and len(table.knots) <= KNOTS and not explained(found):
-            refine_table(search, explanation, table, found)
+        if found is not None and table is not None and not explained(found):
+            if len(table.knots) <= KNOTS:
+                refine_table(search, explanation, table, found)
+            else:
+                place_jumps(search, explanation, table, found)
         if found is not None and one.curve is None and found.misfit < SHARED * nominal.misfit:
             named_cost = min(named_cost, one.cost)
         nearly = found is not None and found.misfit < _NEARLY_ALL * nominal.misfit
