@@ -268,7 +268,10 @@ def place_jumps(search: Search, explanation: Explanation, curve: Curve, coarse: 
     fitted = [free_form(sharp, search.setting.joint)]
     found = search.refit(explanation, fitted, known.followers, values, ANNEALING[3], again=True)
     if found is not None and found.misfit > ROOM and not search.late():
+        first = len(explanation.attempts) - 1
         found, _ = _retime(search, explanation, sharp, found)
+        for one in explanation.attempts[first:]:  # of one table with two periods one stands
+            one.withdrawn = one is not found
     return found is not None and found is explanation.best
 
 

@@ -236,7 +236,13 @@ def test_jumps_are_followed_as_such_before_they_are_fitted(monkeypatch, better):
         assert (row[0], row[1], clearance, anew) == (1e-4, 900.0, 1e-4, True)
 
     monkeypatch.setattr(free_search, "fit_everywhere", everywhere)
-    monkeypatch.setattr(free_search, "_retime", lambda search, explanation, curve, known: (known, curve))
+    later = attempt([FREE_FORM], 1.06)
+
+    def retime(search, explanation, curve, known):
+        explanation.attempts.append(later)
+        return known, curve
+
+    monkeypatch.setattr(free_search, "_retime", retime)
     search = SimpleNamespace(
         late=lambda: False, report=lambda _: None, timed=timed, keep=keep, refit=refit,
         starts=[SimpleNamespace(doubt=2.0), SimpleNamespace(doubt=1.0)], setting=SimpleNamespace(joint="C"),
@@ -244,6 +250,8 @@ def test_jumps_are_followed_as_such_before_they_are_fitted(monkeypatch, better):
     assert free_search.place_jumps(search, explanation, curve, coarse) is better
     assert (clocks[0].period, clocks[0].clocks) == (0.2, (0.0, 0.05))
     assert known.withdrawn
+    assert later.withdrawn
+    assert not explanation.attempts[2].withdrawn
     assert fitted[0].shape == (2, TABLE_KNOTS + 2)
     np.testing.assert_array_equal(fitted[0][:, [0, -1]], known.fit.values)
     assert {round(one) for one in fitted[0][0, 1:-1]} >= {20, -8}
