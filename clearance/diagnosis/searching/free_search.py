@@ -10,19 +10,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
-from clearance.diagnosis.following.attempt import ANNEALING, LOOSENESS, ROOM, Attempt, explained
+from clearance.diagnosis.following.attempt import ANNEALING, LOOSENESS, Attempt, explained
 from clearance.diagnosis.following.growth import grow
 from clearance.diagnosis.hypotheses.free_form import (
-    ARGUMENTS,
     Curve,
     along,
-    curve_of,
     free_form,
-    known_force,
-    refined,
-    stepped,
     unnamed,
 )
 from clearance.diagnosis.hypotheses.missing_force import (
@@ -34,17 +28,15 @@ from clearance.diagnosis.hypotheses.missing_force import (
 from clearance.diagnosis.searching.balance import suggest_names
 from clearance.diagnosis.searching.beside import beside
 from clearance.diagnosis.searching.elsewhere import rhythm_of
-from clearance.diagnosis.searching.everywhere import fit_everywhere
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import shapes
 from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.searching.tables import refine_table
 from clearance.diagnosis.searching.widen import look
 from clearance.diagnosis.shooting.fit import Settled, fit, settle
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.model import Model
 from clearance.errors import InputError
-from clearance.mechanism.applied_force import TabulatedForce
-from clearance.mechanism.parameters import TABLE_KNOTS
 
 _SMOOTH = 4  # scales of the noise at which paths are smoothed
 _FIRST = 2  # arguments of each direction that are tried first
@@ -56,11 +48,7 @@ _SAID = 0.2  # of a force's robust square that may be left where it is a functio
 _NAMED = 3  # named effects that are tried in the place of a table
 _LIKE = 2  # of those that would turn the crank as a table does
 _AS_GOOD = 1.1  # times the misfit of a named effect: a table that leaves no more may be too coarse alone
-_UNTIMELY, _PERIODS, _TIMED = 3e-3, 8, 2  # share of a period that it may be off; trials; steps of each
-_BETWEEN = ("cubic", "linear")  # knots
 _PART = 0.3  # of the base's misfit: a direction that leaves less is not doubted any more
-_HALF = 0.5  # of the nominal misfit: a table that leaves more is not too coarse, but wrong
-_MUCH_LESS = 0.7  # of what a coarse table leaves: then a finer one may still be too coarse
 
 
 @dataclass(frozen=True)
@@ -148,131 +136,6 @@ def fit_curve(search: Search, explanation: Explanation, curves: Sequence[Curve])
         refine_table(search, explanation, curve, found)
         if explained(explanation.best):
             return
-
-
-def refine_table(search: Search, explanation: Explanation, curve: Curve, coarse: Attempt) -> None:
-    """Fit a curve with a knot between each two where its table leaves little: it may be too coarse.
-
-    Again with twice as many, as long as these leave much less.
-    """
-    if place_jumps(search, explanation, curve, coarse):
-        return
-    left, room = _HALF * explanation.nominal.misfit, TABLE_KNOTS // 2
-    while coarse.misfit < left and coarse.scale <= ANNEALING[3] and len(curve.knots) <= room:
-        finer = list[tuple[Attempt, Curve]]()
-        for between in _BETWEEN:
-            if explained(explanation.best) or search.late():
-                return
-            finer += _double(search, explanation, curve, coarse, between)
-        found, fine = min(finer, key=lambda one: one[0].misfit, default=(coarse, curve))
-        if fine.period is not None and not search.late():
-            found, fine = _retime(search, explanation, fine, found)
-        if found.misfit > _MUCH_LESS * coarse.misfit:
-            return
-        curve, coarse = fine, found
-
-
-def _double(
-    search: Search, explanation: Explanation, curve: Curve, coarse: Attempt, between: str
-) -> list[tuple[Attempt, Curve]]:
-    """What comes of a curve with a knot between each two, and that curve; nothing where it fails."""
-    rows = coarse.fit.values
-    fine = refined(replace(curve, forces=rows[0, 1:-1]), between)
-    values = np.array([[row[0], *fine.forces, row[-1]] for row in rows])
-    search.report(f"  with {len(fine.knots)} instead of {len(curve.knots)} knots, {between} between them")
-    held = [free_form(fine, search.setting.joint)]
-    found = search.refit(explanation, held, coarse.followers, values, ANNEALING[3], again=True)
-    return [] if found is None else [(found, fine)]
-
-
-def _retime(search: Search, explanation: Explanation, curve: Curve, known: Attempt) -> tuple[Attempt, Curve]:
-    """A force over time with the period with which the recordings are followed best, or as it was.
-
-    Where impacts are strong, the balance of work knows the period to a part in a thousand: jumps then come a
-    segment too early at one end of a recording and too late at the other. Clocks turn with the period so that
-    the middle of each recording stays where it was.
-    """
-    rows = known.fit.values
-    curve = replace(curve, forces=rows[0, 1:-1])
-
-    def timed(change: float) -> tuple[Curve, list[Follower]]:
-        assert curve.period is not None
-        period = curve.period * (1.0 + change)
-        own = [follower.part(0, follower.segments) for follower in known.followers]
-        for follower in own:
-            one = follower.measured
-            middle = one.begin + 0.5 * one.segment * follower.segments
-            follower.measured = replace(one, clock=one.clock + change * middle, period=period)
-        return replace(curve, knots=curve.knots * (1.0 + change), period=period), own
-
-    def left(change: float) -> float:
-        other, own = timed(change)
-        model = search.setting.model([free_form(other, search.setting.joint)])
-        return settle(own, model, rows, _TIMED, 3e-2, search.workers, scale=known.scale).level
-
-    found = minimize_scalar(
-        left, method="bounded", bounds=(-_UNTIMELY, _UNTIMELY), options={"maxiter": _PERIODS}
-    )
-    other, own = timed(float(found.x))
-    search.report(f"  with a period longer by {float(found.x):.3%}")
-    held = [free_form(other, search.setting.joint)]
-    again = search.refit(explanation, held, own, rows, ANNEALING[3], again=True)
-    return (known, curve) if again is None or again.misfit > known.misfit else (again, other)
-
-
-def sharpen(search: Search, explanation: Explanation) -> None:
-    """Put a knot between each two of the best table, where it stands alone, as long as that says more.
-
-    What a table leaves where the force jumps, or changes fast, looks like noise that is a little too strong.
-    """
-    while explanation.best.misfit > ROOM and len(explanation.best.hypotheses) == 1:
-        best = explanation.best
-        if unnamed(best.hypotheses) is None:
-            return
-        law = best.model.machine(best.fit.values[0]).force
-        assert isinstance(law, TabulatedForce)
-        if law.argument not in ARGUMENTS or 2 * len(law.values) > TABLE_KNOTS:
-            return
-        if place_jumps(search, explanation, curve_of(law), best):
-            return
-        for between in _BETWEEN:
-            if not search.late():
-                _double(search, explanation, curve_of(law), best, between)
-        if explanation.best is best:
-            return
-
-
-def place_jumps(search: Search, explanation: Explanation, curve: Curve, coarse: Attempt) -> bool:
-    """Follow a force over time that jumps between two levels as such, then fit it; whether that says more.
-
-    Beside a slope in the place of a jump a path is torn, and no finer table mends it: it is sought anew with
-    jumps that lie where the slope's impulse tells.
-    """
-    own = replace(curve, forces=coarse.fit.values[0, 1:-1])
-    sharp = None if own.period is None or search.late() else stepped(own)
-    if sharp is None:
-        return False
-    search.report(f"  as two levels of {sharp.forces.min():.4g} and {sharp.forces.max():.4g} with jumps")
-    held, surest = [known_force(sharp)], int(np.argmin([start.doubt for start in search.starts]))
-    row = coarse.fit.values[surest][[0, -1]]
-    with search.timed(rhythm_of(coarse)):
-        known = search.keep(
-            explanation, held,
-            lambda: fit_everywhere(search, held, row, surest, coarse, anew=True, clearance=float(row[0])),
-            again=True,
-        )  # fmt: skip
-    if known is None:
-        return False
-    known.withdrawn = True  # its levels are of the coarse table, and nothing tells how sure they are
-    values = np.array([[one[0], *sharp.forces, one[-1]] for one in known.fit.values])
-    fitted = [free_form(sharp, search.setting.joint)]
-    found = search.refit(explanation, fitted, known.followers, values, ANNEALING[3], again=True)
-    if found is not None and found.misfit > ROOM and not search.late():
-        first = len(explanation.attempts) - 1
-        found, _ = _retime(search, explanation, sharp, found)
-        for one in explanation.attempts[first:]:  # of one table with two periods one stands
-            one.withdrawn = one is not found
-    return found is not None and found is explanation.best
 
 
 def reshape(search: Search, explanation: Explanation, best: Attempt) -> None:

@@ -12,9 +12,9 @@ from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, SHARED
 from clearance.diagnosis.searching.elsewhere import begin_again, rhythm_of
 from clearance.diagnosis.searching.everywhere import fit_from
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.free_search import place_jumps, refine_table
 from clearance.diagnosis.searching.geometry import Dimension, suggest_clock
 from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.searching.tables import place_jumps, refine_table
 from clearance.diagnosis.searching.wear import suggest_wear
 from clearance.diagnosis.searching.work import Balanced
 from clearance.errors import InputError

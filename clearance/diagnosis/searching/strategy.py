@@ -18,7 +18,7 @@ from clearance.diagnosis.searching.elsewhere import (
     rhythm_of,
 )
 from clearance.diagnosis.searching.explanation import Explanation, Suspected
-from clearance.diagnosis.searching.free_search import fit_curve, name_curve, reshape, sharpen, suggest_curve
+from clearance.diagnosis.searching.free_search import fit_curve, name_curve, reshape, suggest_curve
 from clearance.diagnosis.searching.from_motion import (
     begin_balanced,
     begin_beside,
@@ -42,6 +42,7 @@ from clearance.diagnosis.searching.shaken import begin_frame, begin_shaking
 from clearance.diagnosis.searching.significance import incomplete, unsettled
 from clearance.diagnosis.searching.simplify import enlarge, prune, retry_nominal
 from clearance.diagnosis.searching.small_force import begin_small_force
+from clearance.diagnosis.searching.tables import sharpen
 from clearance.diagnosis.searching.wear import WORN
 from clearance.diagnosis.searching.widen import deafen, glaring, look, settled, widen
 from clearance.diagnosis.searching.work import Balanced

@@ -18,7 +18,7 @@ from clearance.diagnosis.hypotheses.free_form import (
     refined,
     stepped,
 )
-from clearance.diagnosis.searching import free_search
+from clearance.diagnosis.searching import tables
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.parameters import TABLE_KNOTS
@@ -142,7 +142,7 @@ def sharpened(best, better=()):
 
     setting = SimpleNamespace(joint="C")
     search = SimpleNamespace(late=lambda: False, report=lambda _: None, refit=refit, setting=setting)
-    free_search.sharpen(search, explanation)
+    tables.sharpen(search, explanation)
     return tried
 
 
@@ -194,10 +194,10 @@ def test_a_period_is_fitted_where_the_middle_of_a_recording_stays_in_its_place(m
         heard.append((own[0].measured, held[0].apply(SliderCrank(), np.ones(4)).force))
         return with_force([FREE_FORM], 3.0, tabulated("time", 4))
 
-    monkeypatch.setattr(free_search, "settle", settle)
+    monkeypatch.setattr(tables, "settle", settle)
     setting = SimpleNamespace(joint="C", model=lambda held: None)
     search = SimpleNamespace(report=lambda _: None, refit=refit, setting=setting, workers=1)
-    found, other = free_search._retime(search, Explanation(known), curve, known)
+    found, other = tables._retime(search, Explanation(known), curve, known)
     ((measured, law),) = heard
     expected = 0.04 * max(right, 0.997)  # no further than the balance of work may be wrong
     assert law.period == measured.period == other.period == pytest.approx(expected, rel=2e-4)
@@ -235,19 +235,19 @@ def test_jumps_are_followed_as_such_before_they_are_fitted(monkeypatch, better):
         assert held[0].unknowns == ()
         assert (row[0], row[1], clearance, anew) == (1e-4, 900.0, 1e-4, True)
 
-    monkeypatch.setattr(free_search, "fit_everywhere", everywhere)
+    monkeypatch.setattr(tables, "fit_everywhere", everywhere)
     later = attempt([FREE_FORM], 1.06)
 
     def retime(search, explanation, curve, known):
         explanation.attempts.append(later)
         return known, curve
 
-    monkeypatch.setattr(free_search, "_retime", retime)
+    monkeypatch.setattr(tables, "_retime", retime)
     search = SimpleNamespace(
         late=lambda: False, report=lambda _: None, timed=timed, keep=keep, refit=refit,
         starts=[SimpleNamespace(doubt=2.0), SimpleNamespace(doubt=1.0)], setting=SimpleNamespace(joint="C"),
     )  # fmt: skip
-    assert free_search.place_jumps(search, explanation, curve, coarse) is better
+    assert tables.place_jumps(search, explanation, curve, coarse) is better
     assert (clocks[0].period, clocks[0].clocks) == (0.2, (0.0, 0.05))
     assert known.withdrawn
     assert later.withdrawn
