@@ -137,9 +137,8 @@ def diagnose(
     channels = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > 0.1][:3]
     verdict = verdict_of(explanation, after)
     basis = basis_of(explanation, after)
-    struck = (
-        gone(after, EXPLAINED) if basis == FITTED else []
-    )  # at the strikes of a slider that the motion shows loose
+    # at the strikes of a slider that the motion shows loose
+    struck = gone(after, EXPLAINED) if basis == FITTED else []
     missed = lost(after) if verdict not in ("none", "unknown") and not struck else []
     if struck:
         fit["held_out"]["lost"] = struck
