@@ -100,6 +100,7 @@ class Shaking:
         forces: (KNOTS,) over a period, about their mean, which only moves the frame [N].
         share: of the variance of what shakes the frame in that direction.
         deviation: standard deviation of each, by how far the recordings agree [N]; infinite of a single one.
+        interpolation: between them, linear or cubic.
     """
 
     rhythm: Rhythm
@@ -107,6 +108,7 @@ class Shaking:
     forces: np.ndarray
     share: float
     deviation: float
+    interpolation: str = "cubic"
 
 
 def deviation_of(each: Sequence[np.ndarray]) -> float:
@@ -157,16 +159,20 @@ def _repeating(
         return None
     force = np.concatenate(forces)
 
-    def over(period: float, clocks: Sequence[float]) -> np.ndarray:
+    def over(period: float, clocks: Sequence[float], between: str = "linear") -> np.ndarray:
         rows = []
         for time, clock in zip(times, clocks, strict=True):
-            own = shares((time + clock) / period * KNOTS, KNOTS, True, "linear")
+            own = shares((time + clock) / period * KNOTS, KNOTS, True, between)
             rows.append(np.stack([filtered(column, 0, rate) for column in own.T], axis=1))
         return np.concatenate(rows)
 
     rhythm = _sharper(rhythm, over, force, scatter, max(float(time[-1]) for time in times), rate)
-    columns = over(rhythm.period, rhythm.clocks)
-    found = regressed(columns, force, scatter)
+    either = list[tuple[float, str, np.ndarray, np.ndarray]]()
+    for between in ("linear", "cubic"):  # where it jumps, or where it is smooth
+        columns = over(rhythm.period, rhythm.clocks, between)
+        found = regressed(columns, force, scatter)
+        either.append((cost_of(force - columns @ found, scatter), between, columns, found))
+    _, between, columns, found = min(either, key=lambda one: one[0])
     ends = np.cumsum([len(one) for one in forces])[:-1]
     own = [
         regressed(part, one, scatter)
@@ -178,7 +184,7 @@ def _repeating(
         return None
     share = 1.0 - float((force - given).var() / force.var())
     deviation = deviation_of([one - one.mean() for one in own])
-    return Shaking(rhythm, direction, found - found.mean(), share, deviation)
+    return Shaking(rhythm, direction, found - found.mean(), share, deviation, between)
 
 
 def _sharper(

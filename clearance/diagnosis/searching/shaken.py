@@ -117,7 +117,7 @@ def begin_shaking(search: Search, explanation: Explanation) -> None:
     explanation.suspected = Suspected("frame", found.direction, explanation.nominal.misfit)
     curve = Curve(
         "frame", found.direction, "time", period * np.arange(KNOTS) / KNOTS, found.forces, none, 0.0, 0.0,
-        "linear", period,
+        found.interpolation, period,
     )  # fmt: skip
     with search.timed(found.rhythm):
         pushed = _with(search, explanation, known_force(curve), search.profile.best)

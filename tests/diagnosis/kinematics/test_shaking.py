@@ -102,6 +102,7 @@ def test_a_force_that_shakes_a_known_frame_is_read_off_the_balance():
     assert shaking.direction == "x"
     assert shaking.rhythm.period == pytest.approx(0.06, rel=0.01)
     assert np.ptp(shaking.forces) == pytest.approx(80.0, rel=0.1)
+    assert shaking.interpolation == "cubic"
     on_the_ground = machine("C", 1e-4)
     assert find_shaking([measured], [(known.angle, known.speed)], on_the_ground) is None
 
@@ -119,6 +120,7 @@ def test_jumps_of_a_force_tell_its_period_and_two_recordings_how_sure_it_is():
     assert found.rhythm.period == pytest.approx(0.06, rel=3e-4)
     assert found.rhythm.clocks[1] == pytest.approx(0.015, abs=2e-4)
     assert found.share > 0.97
+    assert found.interpolation == "linear"
     assert 0.0 < found.deviation < 2.0
     level = np.abs(found.forces[np.abs(np.gradient(found.forces)) < 5.0])  # not where it jumps
     assert len(level) > 30
