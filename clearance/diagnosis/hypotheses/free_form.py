@@ -12,15 +12,12 @@ from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.shooting.model import Unknown
 from clearance.mechanism.applied_force import TabulatedForce, shares
 from clearance.mechanism.film import ECCENTRICITY_LIMIT
-from clearance.mechanism.parameters import TABLE_KNOTS
 from clearance.mechanism.slider_crank import SliderCrank
 
 _TAILS = 0.005  # of the argument's values to each side that the curve does not reach
 _FRICTION = 0.3  # of a contact's force: what may act beside it
 _PRESSED = 100.0  # N, the second knot of a table over the force of a contact
 _LINE = 2  # knots over a contact's force, far beyond which impacts are: nothing holds the bends of more
-_WIDE = 3  # knots at a level: the slopes of a shorter one reach into each other
-_LEVEL, _SLOPES = 0.15, 0.35  # of a jump, by which a knot is off its level; share of knots that may be
 KNOTS = 12
 """Of a curve that nobody has refined."""
 DAMPING = "damping"
@@ -137,42 +134,6 @@ def halved(curve: Curve) -> Curve:
     knots = np.linspace(curve.knots[0], end if curve.repeats else curve.knots[-1], count, not curve.repeats)
     forces = along(curve, knots)
     return replace(curve, knots=knots, forces=forces, deviations=np.zeros(count), interpolation="cubic")
-
-
-def stepped(curve: Curve) -> Curve | None:
-    """A curve that repeats as two levels with jumps between them, with as many knots as a table may have.
-
-    Between knots that are far apart a jump is a slope with the same impulse, which tells where it is. One of
-    the jumps then lies in the middle between two knots, and around the other one they are means. ``None``
-    where the knots are at no two levels, or there are more jumps.
-    """
-    count, spacing = len(curve.knots), float(curve.knots[1] - curve.knots[0])
-    # jumps and slopes outlast a median; a knot of which little is known, and may lie anywhere, does not
-    forces = np.median([np.roll(curve.forces, k) for k in (-1, 0, 1)], axis=0)
-    above = forces > 0.5 * (forces.min() + forces.max())
-    crossed = np.flatnonzero(above != np.roll(above, -1))
-    if not curve.repeats or len(crossed) != 2 or min(above.sum(), count - above.sum()) < _WIDE:
-        return None
-    low, high = float(np.median(forces[~above])), float(np.median(forces[above]))
-    level = np.where(above, high, low)
-    if np.mean(np.abs(forces - level) > _LEVEL * (high - low)) > _SLOPES:
-        return None
-    forces = np.where(np.abs(curve.forces - forces) < 0.5 * (high - low), curve.forces, forces)
-    edges = []
-    for i in crossed:
-        around = forces[np.arange(i - 1, i + 3) % count]
-        impulse, after = around.sum() - 0.5 * (around[0] + around[-1]), level[(i + 1) % count]
-        edges.append(spacing * (i - 1 + (3.0 * after - impulse) / (after - level[i])))
-    period = spacing * count
-    fine = period / TABLE_KNOTS
-    place = edges[0] % fine + fine * (np.arange(TABLE_KNOTS) - 0.5)
-    first, second = level[(crossed + 1) % count]
-    after, wide = (place - edges[0]) % period, (edges[1] - edges[0]) % period
-    begun, ended, again = (np.clip(after / fine + 0.5 - at / fine, 0.0, 1.0) for at in (0.0, wide, period))
-    return replace(
-        curve, knots=curve.knots[0] + place, forces=second + (first - second) * (begun - ended + again),
-        deviations=np.zeros(TABLE_KNOTS), interpolation="linear",
-    )  # fmt: skip
 
 
 def curve_of(law: TabulatedForce) -> Curve:

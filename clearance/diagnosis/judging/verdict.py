@@ -324,6 +324,16 @@ def argument_of(law: TabulatedForce) -> str:
     return "closeness" if law.argument.startswith("closeness") else law.argument
 
 
+def _change(hypothesis: Hypothesis, setting: Setting, values: np.ndarray, place: int) -> np.ndarray:
+    """(knots,) derivative of a table by one of what it was made from."""
+    moved, step = values.copy(), hypothesis.unknowns[place].step
+    moved[place] += step
+    tables = [hypothesis.apply(setting.machine, row).force for row in (values, moved)]
+    before, after = (np.array(one.values) for one in tables if isinstance(one, TabulatedForce))
+    change: np.ndarray = (after - before) / step
+    return change
+
+
 def free_form_of(attempt: Attempt, setting: Setting, shaken: Shaking | None = None) -> dict[str, Any] | None:
     """The table of an attempt's force of free form as the contract writes it, with its 95 % band.
 
@@ -352,7 +362,8 @@ def free_form_of(attempt: Attempt, setting: Setting, shaken: Shaking | None = No
         own = own - 1.0 / count
     if hypothesis.unknowns:
         combined = np.zeros((len(own), attempt.model.shared))
-        combined[:, place : place + count] = own
+        for i in range(len(values)):
+            combined[:, place + i] = own @ _change(hypothesis, setting, values, i)
         band, least = 1.96 * deviations(attempt.fit, combined), hypothesis.unknowns[0].low
     else:
         band, least = np.full(len(own), 1.96 * (np.inf if shaken is None else shaken.deviation)), -np.inf

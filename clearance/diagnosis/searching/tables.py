@@ -5,7 +5,9 @@ changes fast is told from what another force would explain by trying: on the pat
 slope in the place of a jump has torn them, on paths of its own.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -16,11 +18,11 @@ from clearance.diagnosis.hypotheses.free_form import (
     Curve,
     curve_of,
     free_form,
-    known_force,
     refined,
-    stepped,
     unnamed,
 )
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.hypotheses.two_levels import known_levels, levels_of, two_levels
 from clearance.diagnosis.searching.elsewhere import rhythm_of
 from clearance.diagnosis.searching.everywhere import fit_everywhere
 from clearance.diagnosis.searching.explanation import Explanation
@@ -33,6 +35,7 @@ from clearance.mechanism.parameters import TABLE_KNOTS
 _UNTIMELY, _PERIODS, _TIMED = 3e-3, 8, 2  # share of a period that it may be off; trials; steps of each
 _BETWEEN = ("cubic", "linear")  # knots
 _HALF = 0.5  # of the nominal misfit: a table that leaves more is not too coarse, but wrong
+_JUMPING = 0.75  # of it: slopes tear paths, so that a table of jumps leaves much until they are placed
 _MUCH_LESS = 0.7  # of what a coarse table leaves: then a finer one may still be too coarse
 
 
@@ -52,7 +55,9 @@ def refine_table(search: Search, explanation: Explanation, curve: Curve, coarse:
             finer += _double(search, explanation, curve, coarse, between)
         found, fine = min(finer, key=lambda one: one[0].misfit, default=(coarse, curve))
         if fine.period is not None and not search.late():
-            found, fine = _retime(search, explanation, fine, found)
+            fine = replace(fine, forces=found.fit.values[0, 1:-1])
+            table = partial(free_form, joint=search.setting.joint)
+            found, fine = _retime(search, explanation, fine, found, table)
         if found.misfit > _MUCH_LESS * coarse.misfit:
             return
         curve, coarse = fine, found
@@ -71,15 +76,30 @@ def _double(
     return [] if found is None else [(found, fine)]
 
 
-def _retime(search: Search, explanation: Explanation, curve: Curve, known: Attempt) -> tuple[Attempt, Curve]:
+def _retime(
+    search: Search,
+    explanation: Explanation,
+    curve: Curve,
+    known: Attempt,
+    force: Callable[[Curve], Hypothesis],
+) -> tuple[Attempt, Curve]:
     """A force over time with the period with which the recordings are followed best, or as it was.
 
     Where impacts are strong, the balance of work knows the period to a part in a thousand: jumps then come a
     segment too early at one end of a recording and too late at the other. Clocks turn with the period so that
     the middle of each recording stays where it was.
+
+    Args:
+        search: that made the attempt.
+        explanation: added to.
+        curve: with the period.
+        known: the attempt.
+        force: with a curve's period.
+
+    Returns:
+        The attempt, and the curve.
     """
     rows = known.fit.values
-    curve = replace(curve, forces=rows[0, 1:-1])
 
     def timed(change: float) -> tuple[Curve, list[Follower]]:
         assert curve.period is not None
@@ -93,7 +113,7 @@ def _retime(search: Search, explanation: Explanation, curve: Curve, known: Attem
 
     def left(change: float) -> float:
         other, own = timed(change)
-        model = search.setting.model([free_form(other, search.setting.joint)])
+        model = search.setting.model([force(other)])
         return settle(own, model, rows, _TIMED, 3e-2, search.workers, scale=known.scale).level
 
     found = minimize_scalar(
@@ -101,8 +121,7 @@ def _retime(search: Search, explanation: Explanation, curve: Curve, known: Attem
     )
     other, own = timed(float(found.x))
     search.report(f"  with a period longer by {float(found.x):.3%}")
-    held = [free_form(other, search.setting.joint)]
-    again = search.refit(explanation, held, own, rows, ANNEALING[3], again=True)
+    again = search.refit(explanation, [force(other)], own, rows, ANNEALING[3], again=True)
     return (known, curve) if again is None or again.misfit > known.misfit else (again, other)
 
 
@@ -133,30 +152,48 @@ def place_jumps(search: Search, explanation: Explanation, curve: Curve, coarse: 
 
     Beside a slope in the place of a jump a path is torn, and no finer table mends it: it is sought anew with
     jumps that lie where the slope's impulse tells.
+
+    Args:
+        search: that made the attempt.
+        explanation: added to.
+        curve: the force before it was fitted.
+        coarse: the attempt with it.
     """
-    own = replace(curve, forces=coarse.fit.values[0, 1:-1])
-    near = explained(coarse) or coarse.misfit < _HALF * explanation.nominal.misfit
-    sharp = stepped(own) if near and own.period is not None and not search.late() else None
-    if sharp is None:
+    near = explained(coarse) or coarse.misfit < _JUMPING * explanation.nominal.misfit
+    if curve.period is None or not near or search.late():
         return False
-    search.report(f"  as two levels of {sharp.forces.min():.4g} and {sharp.forces.max():.4g} with jumps")
-    held, surest = [known_force(sharp)], int(np.argmin([start.doubt for start in search.starts]))
-    row = coarse.fit.values[surest][[0, -1]]
-    with search.timed(rhythm_of(coarse)):
-        known = search.keep(
-            explanation, held,
-            lambda: fit_everywhere(search, held, row, surest, coarse, anew=True, clearance=float(row[0])),
-            again=True,
-        )  # fmt: skip
+    fitted = levels_of(replace(curve, forces=coarse.fit.values[0, 1:-1]))
+    if fitted is None:
+        return False
+    balanced, known = levels_of(curve), None
+    # the balance of work knows less of the mean of a force, and nothing of torn paths
+    both = [] if balanced is None else [np.append(fitted[:2], balanced[2:])]
+    for levels in [*both, fitted]:
+        search.report(f"  as two levels of {levels[0]:.4g} and {levels[1]:.4g} with jumps")
+        known = _jumping(search, explanation, known_levels(curve, levels), coarse)
+        if known is not None or search.late():
+            break
     if known is None:
         return False
     known.withdrawn = True  # its levels are of the coarse table, and nothing tells how sure they are
-    values = np.array([[one[0], *sharp.forces, one[-1]] for one in known.fit.values])
-    fitted = [free_form(sharp, search.setting.joint)]
-    found = search.refit(explanation, fitted, known.followers, values, ANNEALING[3], again=True)
+    values = np.array([[one[0], *levels, one[-1]] for one in known.fit.values])
+    jumping = [two_levels(curve, levels)]
+    found = search.refit(explanation, jumping, known.followers, values, ANNEALING[3], again=True)
     if found is not None and found.misfit > ROOM and not search.late():
         first = len(explanation.attempts) - 1
-        found, _ = _retime(search, explanation, sharp, found)
-        for one in explanation.attempts[first:]:  # of one table with two periods one stands
+        found, _ = _retime(search, explanation, curve, found, partial(two_levels, values=levels))
+        for one in explanation.attempts[first:]:  # of one force with two periods one stands
             one.withdrawn = one is not found
     return found is not None and found is explanation.best
+
+
+def _jumping(search: Search, explanation: Explanation, force: Hypothesis, coarse: Attempt) -> Attempt | None:
+    """A force that is known, on paths that are sought with it by the clocks of the attempt before."""
+    surest = int(np.argmin([start.doubt for start in search.starts]))
+    row = coarse.fit.values[surest][[0, -1]]
+    with search.timed(rhythm_of(coarse)):
+        return search.keep(
+            explanation, [force],
+            lambda: fit_everywhere(search, [force], row, surest, coarse, anew=True, clearance=float(row[0])),
+            again=True,
+        )  # fmt: skip

@@ -17,6 +17,7 @@ from clearance.diagnosis.hypotheses.free_form import (
     resisting,
 )
 from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.hypotheses.two_levels import two_levels
 from clearance.diagnosis.judging import verdict, words
 from clearance.diagnosis.judging.verdict import (
     Estimate,
@@ -367,6 +368,30 @@ def test_a_measured_force_is_as_sure_as_the_recordings_agree_on_it(deviation, ba
     assert found["clocks"] == [0.02]
     expected = [None] * 4 if band is None else pytest.approx(wave - band)
     assert found["low"] == expected
+
+
+def test_between_two_jumps_a_force_is_as_sure_as_its_level_and_at_a_jump_as_its_time():
+    knots = 0.05 * np.arange(4)
+    curve = Curve("slider", "x", "time", knots, WAVE, WAVE, 0.0, 0.0, "linear", 0.2)
+    values = np.array([20.0, -8.0, 0.1, 0.6])
+    hypothesis = two_levels(curve, values)
+    unknowns = (Unknown("clearance", 1.0), *hypothesis.unknowns, Unknown("speed", 1.0, own=True))
+    information = np.diag(1.0 / np.array([1.0, 0.1, 0.2, 1e-3, 1e-3, 1.0]) ** 2)
+    fit = Fit(
+        Model(unknowns, lambda _: None), np.array([[3e-4, *values, 700.0]]), 0.0,
+        [SimpleNamespace(parts=np.zeros((5, 6)))], information,
+    )  # fmt: skip
+    follower = SimpleNamespace(measured=SimpleNamespace(clock=0.02))
+    jumping = Attempt((hypothesis,), fit.model, fit, 1.0, 1.0, [follower])
+    found = free_form_of(jumping, Setting(SliderCrank(), "C"))
+    (time, force), low, high = np.array(found["table"]).T, np.array(found["low"]), np.array(found["high"])
+    turns = time / 0.2
+    one, other = (turns > 0.13) & (turns < 0.57), (turns < 0.07) | (turns > 0.63)
+    assert force[one] == pytest.approx(20.0)
+    assert force[other] == pytest.approx(-8.0)
+    assert (high - force)[one] == pytest.approx(1.96 * 0.1, rel=1e-3)
+    assert (force - low)[other] == pytest.approx(1.96 * 0.2, rel=1e-3)
+    assert (high - force)[~one & ~other].max() > 1.96 * 0.5 * 28.0 * 1e-3 * 48  # steep, and of unsure time
 
 
 def test_of_a_torque_without_a_name_only_what_varies_is_given():

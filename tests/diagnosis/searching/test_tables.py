@@ -2,6 +2,7 @@
 
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,8 +17,8 @@ from clearance.diagnosis.hypotheses.free_form import (
     free_form,
     halved,
     refined,
-    stepped,
 )
+from clearance.diagnosis.hypotheses.two_levels import levels_of, two_levels
 from clearance.diagnosis.searching import tables
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.applied_force import TabulatedForce
@@ -76,15 +77,14 @@ def test_a_wave_of_two_levels_jumps_where_the_slopes_of_its_table_have_their_imp
     curve, time, true = sampled(lambda t: np.where((t - start) % 0.2 < 0.2 * part, 20.0, -8.0), 24)
     spoilt = curve.forces.copy()
     spoilt[round((start + 0.1 * part) / 0.2 * 24) % 24] = -90.0  # a knot of which nothing is known
-    sharp = stepped(replace(curve, forces=spoilt))
+    values = levels_of(replace(curve, forces=spoilt))
+    sharp = curve_of(two_levels(curve, values).apply(SliderCrank(), values).force)
     assert len(sharp.knots) == TABLE_KNOTS
     assert sharp.period == 0.2
     left, before = along(sharp, time) - true, along(curve, time) - true
     assert left.std() < 1.05 * before.std()  # a shape that was fitted, and one that was placed
     wrong = np.abs(left) > 3.0
     assert wrong.mean() < 2.5 / TABLE_KNOTS < (np.abs(before) > 3.0).mean()
-    law = free_form(sharp, "C").apply(SliderCrank(), sharp.forces).force
-    np.testing.assert_allclose(along(curve_of(law), time), along(sharp, time), atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_a_wave_of_two_levels_jumps_where_the_slopes_of_its_table_have_their_imp
     ids=["sine", "saw", "twice", "pulse"],
 )
 def test_what_is_of_no_two_levels_has_no_jumps(shape):
-    assert stepped(sampled(shape, 24)[0]) is None
+    assert levels_of(sampled(shape, 24)[0]) is None
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,8 @@ def test_a_period_is_fitted_where_the_middle_of_a_recording_stays_in_its_place(m
     monkeypatch.setattr(tables, "settle", settle)
     setting = SimpleNamespace(joint="C", model=lambda held: None)
     search = SimpleNamespace(report=lambda _: None, refit=refit, setting=setting, workers=1)
-    found, other = tables._retime(search, Explanation(known), curve, known)
+    table = partial(free_form, joint="C")
+    found, other = tables._retime(search, Explanation(known), curve, known, table)
     ((measured, law),) = heard
     expected = 0.04 * max(right, 0.997)  # no further than the balance of work may be wrong
     assert law.period == measured.period == other.period == pytest.approx(expected, rel=2e-4)
@@ -207,14 +208,15 @@ def test_a_period_is_fitted_where_the_middle_of_a_recording_stays_in_its_place(m
 
 
 @pytest.mark.parametrize("better", [True, False])
-def test_jumps_are_followed_as_such_before_they_are_fitted(monkeypatch, better):
+def test_jumps_are_followed_as_such(monkeypatch, better):
     curve = sampled(lambda t: np.where(t < 0.07, 20.0, -8.0), 24)[0]
     coarse = with_force([FREE_FORM], 3.0, TabulatedForce("slider", "x", "time", values=(0.0,), period=0.2))
     coarse.fit.values = np.array([[1e-4, *curve.forces, 700.0], [1e-4, *curve.forces, 900.0]])
     coarse.followers = [SimpleNamespace(measured=Heard(clock=clock)) for clock in (0.0, 0.05)]
-    explanation, clocks, fitted = Explanation(attempt([], 40.0), [coarse]), [], []
+    explanation, clocks = Explanation(attempt([], 40.0), [coarse]), []
     known = attempt([FREE_FORM], 1.5)
     known.fit.values = np.array([[1.1e-4, 701.0], [1.1e-4, 901.0]])
+    fitted = []
 
     @contextmanager
     def timed(rhythm):
@@ -226,32 +228,54 @@ def test_jumps_are_followed_as_such_before_they_are_fitted(monkeypatch, better):
         explanation.attempts.append(known)
         return known
 
-    def refit(explanation, held, followers, values, scale, again):
-        fitted.append(values)
-        explanation.attempts.append(attempt([FREE_FORM], 1.05 if better else 5.0))
-        return explanation.attempts[-1]
-
     def everywhere(search, held, row, surest, base, anew, clearance):
         assert held[0].unknowns == ()
-        assert (row[0], row[1], clearance, anew) == (1e-4, 900.0, 1e-4, True)
+        assert (surest, row[0], row[1], clearance, anew) == (1, 1e-4, 900.0, 1e-4, True)
+
+    def refit(explanation, held, followers, values, scale, again):
+        (force,) = held
+        assert len(force.unknowns) == 4
+        np.testing.assert_array_equal(values[:, [0, -1]], known.fit.values)
+        assert {round(one) for one in values[0, 1:3]} == {20, -8}
+        explanation.attempts.append(attempt([FREE_FORM], 1.2 if better else 5.0))
+        fitted.append(explanation.attempts[-1])
+        return fitted[0]
 
     monkeypatch.setattr(tables, "fit_everywhere", everywhere)
-    later = attempt([FREE_FORM], 1.06)
+    later = attempt([FREE_FORM], 5.1)
 
-    def retime(search, explanation, curve, known):
+    def retime(search, explanation, curve, known, force):
+        again = force(replace(curve, period=0.201)).apply(SliderCrank(), np.array([20.0, -8.0, 0.0, 0.35]))
+        assert again.force.period == 0.201
         explanation.attempts.append(later)
         return known, curve
 
     monkeypatch.setattr(tables, "_retime", retime)
     search = SimpleNamespace(
         late=lambda: False, report=lambda _: None, timed=timed, keep=keep, refit=refit,
-        starts=[SimpleNamespace(doubt=2.0), SimpleNamespace(doubt=1.0)], setting=SimpleNamespace(joint="C"),
+        starts=[SimpleNamespace(doubt=2.0), SimpleNamespace(doubt=1.0)],
     )  # fmt: skip
     assert tables.place_jumps(search, explanation, curve, coarse) is better
     assert (clocks[0].period, clocks[0].clocks) == (0.2, (0.0, 0.05))
     assert known.withdrawn
     assert later.withdrawn
-    assert not explanation.attempts[2].withdrawn
-    assert fitted[0].shape == (2, TABLE_KNOTS + 2)
-    np.testing.assert_array_equal(fitted[0][:, [0, -1]], known.fit.values)
-    assert {round(one) for one in fitted[0][0, 1:-1]} >= {20, -8}
+    assert not fitted[0].withdrawn
+
+
+@pytest.mark.parametrize("moved", [0, 1, 2, 3])
+def test_levels_and_jumps_move_the_force_where_they_are(moved):
+    curve, time, _ = sampled(lambda t: np.where(t < 0.07, 20.0, -8.0), 24)
+    values, step = np.array([20.0, -8.0, 0.1, 0.45]), np.array([1.0, 1.0, 0.005, 0.005])[moved]
+    further = values + step * (np.arange(4) == moved)
+    before, after = (
+        along(curve_of(two_levels(curve, values).apply(SliderCrank(), row).force), time)
+        for row in (values, further)
+    )
+    turns = time / 0.2
+    one = (turns > 0.1 + 1 / 48) & (turns < 0.45 - 2 / 48)
+    other = (turns < 0.1 - 1 / 48) | (turns > 0.45 + 2 / 48)
+    expected = {0: (1.0, 0.0), 1: (0.0, 1.0), 2: (0.0, 0.0), 3: (0.0, 0.0)}[moved]
+    np.testing.assert_allclose((after - before)[one], expected[0], atol=1e-9)
+    np.testing.assert_allclose((after - before)[other], expected[1], atol=1e-9)
+    gained = {0: 0.35, 1: 0.65, 2: -0.14, 3: 0.14}[moved]  # the mean: 28 N for half a hundredth of a turn
+    assert np.mean(after - before) == pytest.approx(gained, abs=2e-3)
