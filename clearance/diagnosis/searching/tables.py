@@ -167,8 +167,9 @@ def place_jumps(search: Search, explanation: Explanation, curve: Curve, coarse: 
         return False
     balanced, known = levels_of(curve), None
     # the balance of work knows less of the mean of a force, and nothing of torn paths
-    both = [] if balanced is None else [np.append(fitted[:2], balanced[2:])]
-    for levels in [*both, fitted]:
+    placed = [] if balanced is None else [np.append(fitted[:2], balanced[2:])]
+    placed += [] if placed and np.allclose(placed[0], fitted) else [fitted]
+    for levels in placed:
         search.report(f"  as two levels of {levels[0]:.4g} and {levels[1]:.4g} with jumps")
         known = _jumping(search, explanation, known_levels(curve, levels), coarse)
         if known is not None or search.late():
