@@ -81,10 +81,8 @@ def _table(curve: Curve, values: np.ndarray) -> TabulatedForce:
     """With as many knots as there may be: it rises midway between two, and is a mean where it falls."""
     high, low, rises, falls = values
     assert curve.period is not None
-    after, lasts = (
-        np.arange(TABLE_KNOTS),
-        (falls - rises) % 1.0 * TABLE_KNOTS,
-    )  # in spacings; half of one late
+    after = np.arange(TABLE_KNOTS)  # the middle of the rise, in spacings, and half of one
+    lasts = (falls - rises) % 1.0 * TABLE_KNOTS
     share = np.clip(after, 0.0, 1.0) - np.clip(after - lasts, 0.0, 1.0)
     start = (rises - 0.5 / TABLE_KNOTS) * curve.period
     forces = low + (high - low) * share

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
-from clearance.diagnosis.hypotheses.free_form import DAMPING, FREE_FORM, unnamed
+from clearance.diagnosis.hypotheses.free_form import DAMPING, FREE_FORM, along, curve_of, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.kinematics.shaking import Shaking
 from clearance.diagnosis.searching.explanation import Explanation
@@ -324,16 +324,6 @@ def argument_of(law: TabulatedForce) -> str:
     return "closeness" if law.argument.startswith("closeness") else law.argument
 
 
-def _change(hypothesis: Hypothesis, setting: Setting, values: np.ndarray, place: int) -> np.ndarray:
-    """(knots,) derivative of a table by one of what it was made from."""
-    moved, step = values.copy(), hypothesis.unknowns[place].step
-    moved[place] += step
-    tables = [hypothesis.apply(setting.machine, row).force for row in (values, moved)]
-    before, after = (np.array(one.values) for one in tables if isinstance(one, TabulatedForce))
-    change: np.ndarray = (after - before) / step
-    return change
-
-
 def free_form_of(attempt: Attempt, setting: Setting, shaken: Shaking | None = None) -> dict[str, Any] | None:
     """The table of an attempt's force of free form as the contract writes it, with its 95 % band.
 
@@ -361,9 +351,15 @@ def free_form_of(attempt: Attempt, setting: Setting, shaken: Shaking | None = No
     if hypothesis.direction == "torque":
         own = own - 1.0 / count
     if hypothesis.unknowns:
-        combined = np.zeros((len(own), attempt.model.shared))
-        for i in range(len(values)):
-            combined[:, place + i] = own @ _change(hypothesis, setting, values, i)
+        combined, arguments = np.zeros((len(own), attempt.model.shared)), law.start + spacing * steps
+        for i, unknown in enumerate(hypothesis.unknowns):
+            moved = values + unknown.reach * (np.arange(len(values)) == i)
+            other = hypothesis.apply(setting.machine, moved).force
+            assert isinstance(other, TabulatedForce)
+            change = along(curve_of(other), arguments) - along(curve_of(law), arguments)
+            if hypothesis.direction == "torque":
+                change -= np.mean(other.values) - np.mean(law.values)
+            combined[:, place + i] = change / unknown.reach
         band, least = 1.96 * deviations(attempt.fit, combined), hypothesis.unknowns[0].low
     else:
         band, least = np.full(len(own), 1.96 * (np.inf if shaken is None else shaken.deviation)), -np.inf

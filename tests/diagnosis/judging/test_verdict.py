@@ -376,7 +376,7 @@ def test_between_two_jumps_a_force_is_as_sure_as_its_level_and_at_a_jump_as_its_
     values = np.array([20.0, -8.0, 0.1, 0.6])
     hypothesis = two_levels(curve, values)
     unknowns = (Unknown("clearance", 1.0), *hypothesis.unknowns, Unknown("speed", 1.0, own=True))
-    information = np.diag(1.0 / np.array([1.0, 0.1, 0.2, 1e-3, 1e-3, 1.0]) ** 2)
+    information = np.diag(1.0 / np.array([1.0, 0.1, 0.2, 1e-3, 2e-3, 1.0]) ** 2)
     fit = Fit(
         Model(unknowns, lambda _: None), np.array([[3e-4, *values, 700.0]]), 0.0,
         [SimpleNamespace(parts=np.zeros((5, 6)))], information,
@@ -391,7 +391,9 @@ def test_between_two_jumps_a_force_is_as_sure_as_its_level_and_at_a_jump_as_its_
     assert force[other] == pytest.approx(-8.0)
     assert (high - force)[one] == pytest.approx(1.96 * 0.1, rel=1e-3)
     assert (force - low)[other] == pytest.approx(1.96 * 0.2, rel=1e-3)
-    assert (high - force)[~one & ~other].max() > 1.96 * 0.5 * 28.0 * 1e-3 * 48  # steep, and of unsure time
+    steep = 1.96 * 28.0 * 48  # and of unsure time
+    assert (high - force)[np.abs(turns - 0.1) < 0.03].max() == pytest.approx(steep * 1e-3, rel=0.05)
+    assert (high - force)[np.abs(turns - 0.6) < 0.03].max() == pytest.approx(steep * 2e-3, rel=0.1)
 
 
 def test_of_a_torque_without_a_name_only_what_varies_is_given():
