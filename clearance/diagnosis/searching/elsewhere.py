@@ -69,12 +69,36 @@ def begin_again(search: Search, explanation: Explanation, though_explained: bool
     The paths that it was found on are of a machine that lacks it: that led them, and their clearance, astray.
     Nothing is done where it explains, unless ``though_explained``.
     """
-    best, surest = explanation.best, int(np.argmin([start.doubt for start in search.starts]))
-    row = best.fit.values[surest].copy()
-    with search.timed(rhythm_of(best)):
-        search.keep(
-            explanation, best.hypotheses,
-            lambda: fit_everywhere(search, best.hypotheses, row, surest, best, anew=True), though_explained,
+    best = explanation.best
+    seek_anew(search, explanation, best.hypotheses, best.fit.values, best, though_explained)
+
+
+def seek_anew(
+    search: Search,
+    explanation: Explanation,
+    held: Sequence[Hypothesis],
+    values: np.ndarray,
+    base: Attempt,
+    again: bool,
+    clearance: float | None = None,
+) -> Attempt | None:
+    """Fit hypotheses on paths that are sought with them from the first look on.
+
+    Args:
+        search: that made the attempt.
+        explanation: added to.
+        held: hypotheses.
+        values: (recordings, unknowns) to begin with.
+        base: attempt by whose clocks, if a force of its has some.
+        again: whether they are fitted where something explains already.
+        clearance: as of ``fit_everywhere`` [m].
+    """
+    surest = int(np.argmin([start.doubt for start in search.starts]))
+    row = values[surest].copy()
+    with search.timed(rhythm_of(base)):
+        return search.keep(
+            explanation, held,
+            lambda: fit_everywhere(search, held, row, surest, base, anew=True, clearance=clearance), again,
         )  # fmt: skip
 
 

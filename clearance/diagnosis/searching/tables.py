@@ -23,8 +23,7 @@ from clearance.diagnosis.hypotheses.free_form import (
 )
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.hypotheses.two_levels import known_levels, levels_of, two_levels
-from clearance.diagnosis.searching.elsewhere import rhythm_of
-from clearance.diagnosis.searching.everywhere import fit_everywhere
+from clearance.diagnosis.searching.elsewhere import seek_anew
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.shooting.fit import settle
@@ -171,7 +170,8 @@ def place_jumps(search: Search, explanation: Explanation, curve: Curve, coarse: 
     placed += [] if placed and np.allclose(placed[0], fitted) else [fitted]
     for levels in placed:
         search.report(f"  as two levels of {levels[0]:.4g} and {levels[1]:.4g} with jumps")
-        known = _jumping(search, explanation, known_levels(curve, levels), coarse)
+        held, rows = [known_levels(curve, levels)], coarse.fit.values[:, [0, -1]]
+        known = seek_anew(search, explanation, held, rows, coarse, again=True, clearance=float(rows[0, 0]))
         if known is not None or search.late():
             break
     if known is None:
@@ -186,15 +186,3 @@ def place_jumps(search: Search, explanation: Explanation, curve: Curve, coarse: 
         for one in explanation.attempts[first:]:  # of one force with two periods one stands
             one.withdrawn = one is not found
     return found is not None and found is explanation.best
-
-
-def _jumping(search: Search, explanation: Explanation, force: Hypothesis, coarse: Attempt) -> Attempt | None:
-    """A force that is known, on paths that are sought with it by the clocks of the attempt before."""
-    surest = int(np.argmin([start.doubt for start in search.starts]))
-    row = coarse.fit.values[surest][[0, -1]]
-    with search.timed(rhythm_of(coarse)):
-        return search.keep(
-            explanation, [force],
-            lambda: fit_everywhere(search, [force], row, surest, coarse, anew=True, clearance=float(row[0])),
-            again=True,
-        )  # fmt: skip

@@ -253,7 +253,7 @@ def test_jumps_are_followed_as_such(monkeypatch, better, ahead, lost, rises):
         fitted.append(explanation.attempts[-1])
         return fitted[0]
 
-    monkeypatch.setattr(tables, "fit_everywhere", everywhere)
+    monkeypatch.setattr("clearance.diagnosis.searching.elsewhere.fit_everywhere", everywhere)
     later = attempt([FREE_FORM], 5.1)
 
     def retime(search, explanation, curve, known, force):
