@@ -15,7 +15,7 @@ from clearance.evaluation.curves import EXPERIMENTS
 from clearance.evaluation.fresh import FRESH, evaluate_fresh, read_fresh
 from clearance.evaluation.overview import overview
 from clearance.evaluation.paper.perturbation import PERTURBED, Perturbation, TrainingData, evaluate_perturbed
-from clearance.evaluation.paper.results import write_results
+from clearance.evaluation.paper.results import RECORD, write_results
 from clearance.evaluation.paper.trainings import finished_trainings, trainings_of
 from clearance.evaluation.results import collect, markdown, put_between_marks, with_recorded
 from clearance.models.run_folder import CONFIG, METRICS
@@ -44,6 +44,12 @@ def main(cfg: DictConfig) -> None:
     if cfg.perturbed:
         measure_perturbed(runs, perturbations, cfg.perturbed)
     if cfg.report is not None:
+        record = Path(cfg.pictures) / RECORD
+        if not runs.is_dir() and not record.exists():
+            raise InputError(
+                f"runs = {runs}: there is no such folder, and no record of trainings in pictures = "
+                f"{cfg.pictures}; set runs to a folder of finished trainings"
+            )
         trainings = Path(cfg.trainings)
         rows = read_json(trainings, "trainings") if trainings.exists() else []
         write_results(runs, Path(cfg.report), Path(cfg.pictures), figures, rows)

@@ -22,16 +22,22 @@ def test_evaluate_writes_the_report(tmp_path, monkeypatch, capfd):
 @pytest.mark.parametrize(
     ("name", "wrong", "words"),
     [
-        ("evaluate", "perturbed=-1", "perturbed = -1: a number of recordings, 0 or more, is needed"),
-        ("study.__main__", "budget=soon", "budget = 'soon' is no duration such as 90s, 30m, 2h or 1d"),
-        ("study.__main__", "scale=tiny", "scale/tiny"),
+        ("evaluate", ("perturbed=-1",), "perturbed = -1: a number of recordings, 0 or more, is needed"),
+        (
+            "evaluate",
+            ("runs=outptus", "report=R.md"),
+            "runs = outptus: there is no such folder, and no record",
+        ),
+        ("study.__main__", ("budget=soon",), "budget = 'soon' is no duration such as 90s, 30m, 2h or 1d"),
+        ("study.__main__", ("scale=tiny",), "scale/tiny"),
     ],
 )
 def test_a_wrong_input_is_one_line(tmp_path, monkeypatch, capfd, name, wrong, words):
     monkeypatch.chdir(tmp_path)
-    code, error = call(monkeypatch, capfd, name, wrong)
+    code, error = call(monkeypatch, capfd, name, *wrong)
     assert (code, error.count("\n")) == (2, 1)
     assert words in error
+    assert not (tmp_path / "R.md").exists()
 
 
 def test_a_record_of_another_scale_ends_a_study_before_it_begins(tmp_path, monkeypatch, capfd):
