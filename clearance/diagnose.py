@@ -75,6 +75,11 @@ def main(cfg: DictConfig) -> None:
     workers = threads(cfg.workers) or os.cpu_count() or 1
     judging = _files("held_out", cfg.held_out)
     fitting = _files("recordings", cfg.recordings, judging)
+    if judging and not fitting:
+        raise InputError(
+            f"held_out = {[str(file) for file in judging]} and recordings = []: nothing to fit; give "
+            "recordings"
+        )
     recordings, held_out = _read("recordings", fitting), _read("held_out", judging)
 
     def keep(explanation: Explanation | Findings) -> None:
@@ -114,6 +119,7 @@ def main(cfg: DictConfig) -> None:
             fitted, judged, settings, effects, (low, high), workers, most, log.info, keep,
             limit, finished, simulations,
         )  # fmt: skip
+        outcome.diagnosis["warnings"][:0] = _unshared({**recordings, **held_out}, channels)
     _write(folder, outcome)
     lines = [*outcome.diagnosis["summary"], *outcome.diagnosis["warnings"]]
     sys.stdout.write("\n" + "\n".join(lines) + "\n")
@@ -192,6 +198,19 @@ def _load(
         [measured[name].part(0, told[name]) for name in named],
         [measured[name].part(told[name], len(measured[name].values)) for name in named],
     )
+
+
+def _unshared(everything: dict[str, Recording], channels: tuple[str, ...]) -> list[str]:
+    """What is said of channels that some recordings have and others lack."""
+    lacking = {
+        c: [name for name, one in everything.items() if c not in one.channels]
+        for c in (*channels, "crank_angle")
+    }
+    return [
+        f"{c} is not in {' and '.join(names)} and was left out of all recordings"
+        for c, names in lacking.items()
+        if 0 < len(names) < len(everything)
+    ]
 
 
 def _files(key: str, paths: Any, held_out: Sequence[Path] = ()) -> list[Path]:

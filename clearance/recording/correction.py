@@ -1,7 +1,8 @@
 """Undo what a recording declares of its sensors: the inverse of the invertible part of ``sensors``.
 
 Bias, gain, delay and mounting angle are taken out, so that a model trained on ideal sensors can read the
-recording. Bandwidth and noise stay: undoing the one would amplify the other.
+recording. Bandwidth and noise stay: undoing the one would amplify the other. An encoder's angle that begins
+again after each turn is counted on.
 """
 
 from dataclasses import replace
@@ -13,16 +14,21 @@ from clearance.recording.channels import AXIS_PAIRS
 from clearance.recording.recording import Recording
 from clearance.recording.sensors import declared_chain
 
+_ENCODER = "crank_angle"
+_TURN = 1.01 * 2.0 * np.pi  # rad; an angle that stays within one, and jumps, begins again after each
+_TOO_FAR = 0.4  # turns from sample to sample
 _PARALLEL = 0.1  # cosine of the angle by which two axes differ from a right one: less tells them not apart
 
 
 def corrected(recording: Recording) -> Recording:
-    """What ideal sensors would have written; the same object where nothing is declared.
+    """What ideal sensors would have written; the same object where nothing is declared or begins again.
 
     Raises:
-        InputError: if a mounting angle is declared for an axis whose partner was not recorded, or leaves both
-            axes of a pair along about one direction.
+        InputError: if an angle begins again after each turn and turns too far between samples; if a mounting
+            angle is declared for an axis whose partner was not recorded, or leaves both axes of a pair along
+            about one direction.
     """
+    recording = _counted_on(recording)
     chain = declared_chain(recording)
     if not chain.sensors:
         return recording
@@ -52,6 +58,26 @@ def corrected(recording: Recording) -> Recording:
         mixing = np.array([[np.cos(alpha), np.sin(alpha)], [-np.sin(beta), np.cos(beta)]])
         columns[first], columns[turned] = np.linalg.solve(mixing, np.stack([columns[first], columns[turned]]))
     return replace(recording, values=np.stack([columns[name] for name in recording.channels], axis=1))
+
+
+def _counted_on(recording: Recording) -> Recording:
+    """The recording with an encoder's angle that goes on from turn to turn."""
+    if _ENCODER not in recording.channels:
+        return recording
+    angle = recording.channel(_ENCODER)
+    if np.ptp(angle) > _TURN or np.abs(np.diff(angle)).max(initial=0.0) <= np.pi:
+        return recording
+    onward = np.unwrap(angle)
+    turned = float(np.median(np.abs(np.diff(onward)))) / (2.0 * np.pi)
+    if turned > _TOO_FAR:
+        raise InputError(
+            f"{_ENCODER} begins again after each turn and goes {turned:.2f} turns from sample to sample; "
+            f"above {_TOO_FAR:g} nobody can say which way: give it counted on from turn to turn, or record "
+            "faster"
+        )
+    values = recording.values.copy()
+    values[:, recording.channels.index(_ENCODER)] = onward
+    return replace(recording, values=values)
 
 
 def _advanced(signal: np.ndarray, samples: float) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clearance.diagnose import _files, _load
+from clearance.diagnose import _files, _load, _unshared
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.outcome import diagnose
@@ -161,6 +161,7 @@ def recordings(tmp_path_factory):
         (("recordings=a.parquet", "sensors=crank"), "change sensors"),
         (("recordings=[a.parquet,crank.parquet]",), "at least one on rod or slider"),
         (("recordings=[a.parquet,slow.parquet]",), "their rates differ"),
+        (("held_out=a.parquet",), "nothing to fit; give recordings"),
     ],
 )
 def test_wrong_inputs_are_one_line(monkeypatch, capfd, recordings, wrong, words):
@@ -215,6 +216,13 @@ def test_a_sensor_that_is_constant_in_one_recording_is_left_out_of_all(recording
     assert [one.silent for one in (*fitted, *judged)] == [(), ("rod_b_axial",)] * 2
     assert len({one.channels for one in (*fitted, *judged)}) == 1
     assert "rod_b_axial" not in fitted[0].channels
+
+
+def test_a_channel_that_one_recording_lacks_is_said_to_be_left_out(recordings):
+    whole, axial = read(recordings / "a.parquet"), read(recordings / "crank.parquet")
+    (told, *_) = _unshared({"a": whole, "b": axial}, ("rod_b_axial", "crank_b_axial", "slider_vertical"))
+    assert told == "rod_b_axial is not in b and was left out of all recordings"
+    assert _unshared({"a": whole, "b": whole}, whole.channels) == []
 
 
 def test_noise_and_limits_are_told_without_what_is_held_out(recordings):

@@ -37,6 +37,27 @@ def test_nothing_declared_changes_nothing():
     assert corrected(recording) is recording
 
 
+@pytest.mark.parametrize("speed", [60.0, -60.0])
+@pytest.mark.parametrize("around", [0.0, np.pi])
+def test_an_encoder_that_begins_again_after_each_turn_is_counted_on(speed, around):
+    onward = 1.0 + speed * np.arange(4000) / RATE
+    wrapped = (onward + around) % (2.0 * np.pi) - around
+    values = np.stack([wrapped, np.sin(onward)], axis=1)
+    found = corrected(Recording(values, ("crank_angle", "rod_c_axial"), RATE, 0.0, {}))
+    turns = (found.values[:, 0] - onward) / (2.0 * np.pi)
+    np.testing.assert_allclose(turns, np.round(turns[0]), atol=1e-9)
+    np.testing.assert_array_equal(found.values[:, 1], values[:, 1])
+
+
+def test_a_slow_encoder_that_does_not_tell_its_sense_is_refused():
+    onward = 0.45 * 2.0 * np.pi * np.arange(50)
+    one = Recording((onward % (2.0 * np.pi))[:, None], ("crank_angle",), 20.0, 0.0, {})
+    with pytest.raises(InputError, match=r"0\.45 turns from sample to sample"):
+        corrected(one)
+    whole = Recording(onward[:, None], ("crank_angle",), 20.0, 0.0, {})
+    assert corrected(whole) is whole
+
+
 def test_axes_along_one_direction_are_refused():
     turned = truth(metadata={"sensors": {"rod_c_axial": {"mounting_angle": 90.0}}})
     with pytest.raises(InputError, match=r"mounting_angle = 90 of rod_c_axial and 0 of rod_c_transverse"):

@@ -139,7 +139,7 @@ def _ranking(explanation: Explanation, verdict: str) -> list[dict[str, Any]]:
                 "name": " + ".join(h.label for h in attempt.hypotheses),
                 "kind": attempt.hypotheses[-1].kind,
                 "log_likelihood_gain": 0.5 * fall,
-                "p_value": p_value(fall),
+                "p_value": None,  # chance is known of what a look promises, not of what a fit takes away
                 "parameters": {k: v for e in effects for k, v in e["parameters"].items()},
                 "asserted": attempt is best and (verdict != "unknown" or attempt is explanation.shown),
                 "note": f"misfit {attempt.misfit:.3g} (1 is perfect)"
@@ -155,7 +155,8 @@ def _ranking(explanation: Explanation, verdict: str) -> list[dict[str, Any]]:
             rows.append(
                 {
                     "name": hint.label, "kind": hint.hypotheses[0].kind,
-                    "log_likelihood_gain": 0.5 * hint.gain, "p_value": p_value(hint.gain), "parameters": {},
+                    "log_likelihood_gain": 0.5 * hint.gain,
+                    "p_value": p_value(hint.gain, explanation.simulated), "parameters": {},
                     "asserted": False, "note": "not fitted: promises less than others",
                 }
             )  # fmt: skip

@@ -106,7 +106,8 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
             others = ((part, beside(part, after)) for part in explanation.parts(best))
             for one, alone in [(nominal, before), *others]:
                 errors = innovations(alone, joint, after)
-                if explained(alone) and root_mean_square(errors) <= root_mean_square(errors_after):
+                whole = min(alone.shares, default=1.0) == 1.0
+                if explained(alone) and whole and root_mean_square(errors) <= root_mean_square(errors_after):
                     enough = one
                     break
         if enough is None:
@@ -115,7 +116,7 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
         withdrawn.append(best.label)
         needed = {h.label for h in enough.hypotheses}
         for attempt in explanation.standing[1:]:
-            more = needed < {h.label for h in attempt.hypotheses} if needed else attempt is best
+            more = needed < {h.label for h in attempt.hypotheses} if needed else attempt.label == best.label
             # there is no time to judge others, and what is not judged is not asserted
             attempt.withdrawn |= more or (search.late() and attempt is not enough)
         ask(search, explanation)

@@ -23,6 +23,7 @@ _BETTER = 1.0  # fall of the sum of squares that is a better fit
 _MOVES = 3  # to a better fit, at most
 _FURTHER = 3  # times that a parameter is moved twice as far, at most
 _LEAP = 4.0  # times as far, over a ripple
+_UP_TO = 0.98  # of the way to a bound, beyond which no law may be
 _STEEP = 1.1  # rise over what the curvature says, from which on its derivatives do not serve
 _LARGE = 8  # parameters from which on the clearance alone is asked for: a table's knots are many
 _ITERATIONS, _TOLERANCE = 4, 1e-7
@@ -59,11 +60,16 @@ def _moved(attempt: Attempt, workers: int, may: bool) -> bool:
         along = _rows(spread[i] / spread[i, i], attempt)
         kept = [j for j in range(len(model.unknowns)) if j != i]
         for side, sign in enumerate((-1.0, 1.0)):
-            before, step = 0.0, _QUANTILE * float(sizes[i])
+            before, step, whole = 0.0, _QUANTILE * float(sizes[i]), 0.0
             for _ in range(2 if rough[i] else _FURTHER + 1):
                 target = base.values[0, i] + sign * step
-                if not unknown.low < target < unknown.high:
-                    break
+                bound = not unknown.low < target < unknown.high
+                if bound and before == 0.0:
+                    break  # what the curvature says reaches it
+                if bound:
+                    whole = abs((unknown.low if sign < 0.0 else unknown.high) - base.values[0, i])
+                    step = _UP_TO * whole
+                    target = base.values[0, i] + sign * step
                 followers = tightened(attempt.followers)
                 values = np.clip(base.values + along * sign * step, low, high)
                 values[:, i] = target
@@ -83,9 +89,11 @@ def _moved(attempt: Attempt, workers: int, may: bool) -> bool:
                         attempt.fit, attempt.level, attempt.followers = found, found.level, followers
                         return True
                 if rise < _RISE:
-                    attempt.reach[i, side] = step
+                    attempt.reach[i, side] = whole if bound else step
                 elif not rough[i]:
                     attempt.reach[i, side] = max(before, step * np.sqrt(_RISE / rise))
+                    break
+                if bound:
                     break
                 before, step = step, (_LEAP if rough[i] else 2.0) * step
     return False

@@ -191,7 +191,7 @@ def diagnose(
         "warnings": [
             *(
                 f"{one.name}: {', '.join(one.silent)} shows nothing but a constant and was left out"
-                for one in recordings if one.silent
+                for one in {o.name: o for o in (*recordings, *held_out)}.values() if one.silent
             ),
             *(
                 ["What explains the fitted recordings does not explain the held-out ones."]

@@ -136,7 +136,7 @@ def place_of(explanation: Explanation, held_out: Attempt | None = None) -> tuple
         return f"joint_{explanation.agreed[0].lower()}", "normal"
     if best.hypotheses:
         return best.hypotheses[0].body, _along(best.hypotheses[0].direction)
-    if verdict_of(explanation, held_out) == "none":
+    if verdict_of(explanation, held_out) == "none" or unconfirmed(explanation, held_out):
         return None, None
     if suspected is not None:
         return suspected.body, suspected.direction
@@ -175,6 +175,17 @@ def gone(held_out: Attempt, most: float = _LOST) -> list[str]:
     """Names of held-out recordings on which the path was lost: more than ``most`` is left."""
     each = zip((f.measured.name for f in held_out.followers), held_out.misfits, strict=True)
     return [name for name, misfit in each if misfit > most]
+
+
+def unconfirmed(explanation: Explanation, held_out: Attempt | None) -> list[str]:
+    """Names of held-out recordings whose path was lost, if that alone speaks against a machine as it is."""
+    best = explanation.best
+    if held_out is None or best.hypotheses or not explained(best) or suspicious(explanation):
+        return []
+    shares = held_out.shares or (1.0,) * len(held_out.misfits)
+    each = list(zip((f.measured.name for f in held_out.followers), held_out.misfits, shares, strict=True))
+    astray = any(EXPLAINED <= misfit <= _LOST for _, misfit, _ in each) or min(held_out.misfits) > _LOST
+    return [] if astray else [name for name, misfit, share in each if misfit > _LOST or share < 1.0]
 
 
 def vouched(explanation: Explanation, held_out: Attempt) -> bool:
@@ -267,12 +278,17 @@ def clearance_of(explanation: Explanation) -> Estimate:
 
 
 def probabilities(explanation: Explanation) -> dict[int, float]:
-    """Of each that may be asserted, by its ``id``: exp(-difference / 2) of prices."""
-    every = explanation.standing
-    prices = np.array([explanation.price(a) for a in every])
-    weights = np.exp(-0.5 * (prices - prices.min()))
-    weights /= weights.sum()
-    return {id(a): float(w) for a, w in zip(every, weights, strict=True)}
+    """Of each that may be asserted, by its ``id``: exp(-difference / 2) of prices.
+
+    What was fitted several times, from other paths or sizes, is one explanation, at its smallest price.
+    """
+    cheapest: dict[str, float] = {}
+    for one in explanation.standing:
+        cheapest[one.label] = min(explanation.price(one), cheapest.get(one.label, np.inf))
+    least = min(cheapest.values())
+    weights = {label: float(np.exp(-0.5 * (price - least))) for label, price in cheapest.items()}
+    whole = sum(weights.values())
+    return {id(one): weights[one.label] / whole for one in explanation.standing}
 
 
 def basis_of(explanation: Explanation, held_out: Attempt | None = None) -> str:

@@ -15,6 +15,7 @@ from clearance.diagnosis.judging.verdict import (
     nearer,
     place_of,
     rivals,
+    unconfirmed,
 )
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.applied_force import TabulatedForce
@@ -56,13 +57,21 @@ def sentences(
             "Every fitted recording is followed with it, and the motion shows that play as well; what was "
             f"held out was lost at the slider's strikes (errors {held['after']:.3g}, floor 1.00),"
         )
+    missed = unconfirmed(explanation, held_out)
+    if missed:
+        return [
+            f"The fitted recordings show nothing missing: the clearance of joint {joint} is {after:.4f} mm. "
+            f"But the path through what was held out of {' and '.join(missed)} was lost, so that it cannot "
+            "be said that nothing is."
+        ]
+    seen = f" in {', '.join(channels)}" if channels else ""
     if verdict == "unknown" and not best.hypotheses:
         body, direction = place_of(explanation, held_out)
         guess = f" What comes nearest acts on the {body.replace('_', ' ')} ({direction})." if body else ""
         return [
             "Something is missing that none of the tried hypotheses explains: the nominal model's errors are "
             f"{held['before']:.3g} times those of a perfect one.",
-            f"It shows most in {', '.join(channels)}.{guess}",
+            f"{f'It shows most{seen}.' if seen else 'No channel shows it alone.'}{guess}",
             *_gap(explanation),
         ]
     lines = []
@@ -131,8 +140,8 @@ def sentences(
         )
         gain = f"One-step errors remain ({held['after']:.3g}, floor 1.00)"
     lines.append(
-        f"It shows in {', '.join(channels)}. {gain} and the clearance estimate changes from {before:.4f} to "
-        f"{after:.4f} mm."
+        f"{f'It shows{seen}. ' if seen else ''}{gain} and the clearance estimate changes from {before:.4f} "
+        f"to {after:.4f} mm."
     )
     return lines
 

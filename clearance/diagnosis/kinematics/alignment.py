@@ -83,6 +83,9 @@ def align(
 ) -> tuple[float, float, float]:
     """Speed [rad/s] and crank angle at the first sample [rad], and the share of variance they explain.
 
+    An encoder tells both; what they explain is then said of the other channels, at the angle that suits them
+    best, since the encoder's zero may be off.
+
     Args:
         machine: with any joints; taken with ideal ones.
         values: (samples, channels).
@@ -96,11 +99,14 @@ def align(
     columns = [i for i, s in enumerate(signals) if s not in _OF_THE_DRIVE]
     columns = [i for i in columns if np.abs(shapes[1:, signals[i]]).max() > 1e-9]
     time = np.arange(len(values)) / rate
+    told = None
     if Signal.CRANK_ANGLE in signals:
-        angle = values[:, signals.index(Signal.CRANK_ANGLE)]
-        speed, start = np.polyfit(time, angle, 1)
-        return float(speed), float(start), 1.0
+        speed, start = np.polyfit(time, values[:, signals.index(Signal.CRANK_ANGLE)], 1)
+        told = (float(speed), float(start))
+        low = high = max(abs(told[0]), 2.0 * np.pi / time[-1])  # a crank may stand still
     if not columns:
+        if told is not None:
+            return *told, 1.0
         raise InputError("recordings: no channel turns with the crank; give rod, crank or slider channels")
     # one or two revolutions of the slowest speed, at no more than fifty samples a revolution of the fastest
     length = min(len(values), round(2.5 * 2.0 * np.pi / low * rate))
@@ -115,7 +121,7 @@ def align(
     step = 0.5 / when[-1]
     # of less than a turn the harmonics cannot be told apart: huge ones that cancel would score best
     slowest = min(max(low, 2.0 * np.pi / when[-1]), high)
-    for speed in np.arange(slowest, high + step, step):
+    for speed in np.arange(slowest, high + step, step) if told is None else told[:1]:
         waves = np.exp(1j * speed * np.outer(when, np.arange(1, _HARMONICS + 1)))
         basis = np.concatenate([np.ones((len(when), 1)), waves.real, waves.imag], axis=1)
         found = np.linalg.lstsq(basis, data, rcond=None)[0]
@@ -142,4 +148,6 @@ def align(
     fit = least_squares(misfit, [best[1], best[2]], loss="soft_l1", x_scale=[1.0, 0.1], max_nfev=60)
     left = misfit(fit.x)
     explained = 1.0 - float((left**2).mean() / np.maximum((data**2).mean(), 1e-300))
+    if told is not None:
+        return *told, explained
     return float(fit.x[0]), float(fit.x[1] % (2.0 * np.pi)), explained

@@ -85,10 +85,10 @@ def diagnose(
     held = {"before": before.score(floor), "after": after.score(floor), "floor": 1.0}
     held["low"], held["high"] = after.interval(floor)
     alike = search.equivalents(findings)
-    verdict = verdict_of(findings, alike, zero_known)
-    zero = next((e for e in named if e.name == "sensor_bias"), None)
-    chance = _probability(findings)
-    asserted = effects(findings, encoder_zero(zero) if zero and zero_known else None, chance)
+    bias = next((e for e in named if e.name == "sensor_bias"), None)
+    zero = encoder_zero(bias) if bias is not None and zero_known else None
+    verdict = verdict_of(findings, alike, zero, held["after"])
+    asserted = effects(findings, zero, _probability(findings))
     assert findings.enough is not None
     noise = findings.enough.noise
     rests = _over(nominal.fit, search.tracks, findings.enough)
@@ -100,7 +100,7 @@ def diagnose(
     clearance = clearance_of(best.fit)
     singles, combinations = uncertain_of(best.fit)
     names = [
-        *([t.name for t in best.terms]), *(["sensor_bias"] if findings.zero and zero_known else [])
+        *([t.name for t in best.terms]), *([zero.name] if findings.zero and zero is not None else [])
     ]  # fmt: skip
     first = asserted[0][0] if asserted else None
     claimed = [] if verdict in ("none", "unknown") else [described for _, _, described in asserted]

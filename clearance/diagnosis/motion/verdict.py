@@ -13,6 +13,8 @@ from clearance.diagnosis.motion.model import Term
 
 _Z = 1.96  # of a 95 % interval
 _SEEN = 3.3  # standard deviations from which on a clearance counts as seen
+_CONFIRMED = 1.3  # held-out error over its floor, up to which the recordings there are explained
+_HELPS = 0.99  # of the held-out error before: what leaves more is not said to lower it
 _KNOWN = 0.05  # of its range: an uncertain value is known when its deviation is below
 
 
@@ -38,13 +40,23 @@ def estimates(attempt: Attempt, term: Term) -> dict[str, Estimate]:
     return {name: Estimate(middle[name], low[name], high[name]) for name in middle}
 
 
-def verdict_of(findings: Findings, equivalents: Sequence[Attempt], zero_counts: bool) -> str:
-    """None, physics, instrument, mixed, unknown or ambiguous."""
+def verdict_of(
+    findings: Findings, equivalents: Sequence[Attempt], zero: Effect | None, held_out: float
+) -> str:
+    """None, physics, instrument, mixed, unknown or ambiguous.
+
+    Args:
+        findings: of the search.
+        equivalents: what cannot be told from its best.
+        zero: as of ``effects``.
+        held_out: error of the best on recordings that it was not fitted to, over its floor: what does not
+            explain these, too, is not asserted.
+    """
     assert findings.enough is not None
-    if not findings.enough.enough:
+    if not findings.enough.enough or held_out > _CONFIRMED:
         return "unknown"
     kinds = {term.effect.kind for term in findings.best.terms}
-    if findings.zero and zero_counts:
+    if findings.zero and zero is not None:
         kinds.add("instrument")
     if not kinds:
         return "none"
@@ -183,17 +195,21 @@ def sentences(
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
         lines.insert(
             0,
-            "Something is missing that none of the tried hypotheses explains: what they leave comes back "
-            f"with the crank's angle or drifts; in {worst} it is {findings.enough.level.max():.3g} times the "
-            "noise.",
+            "What explains the fitted recordings does not explain those that were held out: their error is "
+            f"{held['after']:.3g} (floor 1.00)."
+            if findings.enough.enough
+            else "Something is missing that none of the tried hypotheses explains: what they leave comes "
+            f"back with the crank's angle or drifts; in {worst} it is {findings.enough.level.max():.3g} "
+            "times the noise.",
         )
     if equivalents:
         names = " or ".join(" with ".join(t.label for t in a.terms) for a in equivalents)
         lines.append(f"With these sensors it cannot be told from {names}.")
     if asserted:
+        helps = held["after"] < _HELPS * held["before"]
         lines.append(
-            f"It shows in {', '.join(channels)}. With it, held-out error falls from {held['before']:.3g} to "
-            f"{held['after']:.3g} (floor 1.00)."
+            f"It shows in {', '.join(channels)}. With it, held-out error "
+            f"{'falls' if helps else 'goes'} from {held['before']:.3g} to {held['after']:.3g} (floor 1.00)."
         )
     lines += [_clearance_words(clearance), *_uncertain_words(*uncertain)]
     return lines

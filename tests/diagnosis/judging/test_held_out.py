@@ -46,8 +46,7 @@ def test_a_machine_without_a_table_is_looked_for_in_every_recording():
 def test_what_the_nominal_machine_explains_as_well_on_held_out_recordings_is_withdrawn(
     monkeypatch, nominal, errors, withdrawn
 ):
-    found, machine = attempt(["gravity"], 1.0), attempt([], nominal)
-    found.label, machine.label = "gravity", "nominal"
+    found, again, machine = attempt(["gravity"], 1.0), attempt(["gravity"], 1.01), attempt([], nominal)
     noise = np.random.default_rng(5).standard_normal((4000, 2))
 
     def innovations(one, joint, floor=None):
@@ -58,19 +57,29 @@ def test_what_the_nominal_machine_explains_as_well_on_held_out_recordings_is_wit
     monkeypatch.setattr(judging, "ask", lambda *_: None)
     monkeypatch.setattr(judging, "innovations", innovations)
     search = SimpleNamespace(report=lambda _: None, setting=SimpleNamespace(joint="C"), late=lambda: False)
-    for one in (found, machine):
+    for one in (found, again, machine):
         for hypothesis in one.hypotheses:
             hypothesis.label = hypothesis.name
-    judged = judge([], search, Explanation(machine, [found]))
-    assert found.withdrawn == withdrawn
+    judged = judge([], search, Explanation(machine, [found, again]))
+    assert found.withdrawn == again.withdrawn == withdrawn  # what is not needed has no second try
     assert judged.after is (machine if withdrawn else found)
     assert judged.withdrawn == (["gravity"] if withdrawn else [])
 
 
-@pytest.mark.parametrize(("both", "expected"), [(0.99, ["gravity", "restitution"]), (1.0, ["gravity"])])
-def test_a_second_effect_that_held_out_recordings_do_not_need_is_withdrawn(monkeypatch, both, expected):
+@pytest.mark.parametrize(
+    ("both", "shares", "expected"),
+    [
+        (0.99, (), ["gravity", "restitution"]),
+        (1.0, (), ["gravity"]),
+        (1.0, (0.6, 1.0), ["gravity", "restitution"]),  # the one was lost for a part
+    ],
+)
+def test_a_second_effect_that_held_out_recordings_do_not_need_is_withdrawn(
+    monkeypatch, both, shares, expected
+):
     nominal, one = attempt([], 50.0), attempt(["gravity"], 1.04)
     pair, other = attempt(["gravity", "restitution"], 0.92), attempt(["gravity", "rod_inertia"], 0.93)
+    one.shares = shares
     errors = {id(nominal): 9.0, id(one): 1.0, id(pair): both, id(other): both}
     for each in (nominal, one, pair, other):
         each.label = " + ".join(h.name for h in each.hypotheses) or "nominal"

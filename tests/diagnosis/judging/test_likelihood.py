@@ -1,5 +1,7 @@
 """Intervals go as far as the likelihood does, and a better fit beyond a ripple is taken."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -30,6 +32,16 @@ def test_a_curvature_that_is_too_steep_does_not_make_an_interval_too_narrow(sett
     below, above = settled.reach[0]
     assert 0.6 * true < below < 1.7 * true
     assert 0.6 * true < above < 1.7 * true
+
+
+def test_an_interval_goes_to_a_bound_that_the_likelihood_does_not_exclude(settled, monkeypatch):
+    value, true = settled.fit.values[0, 0], 1.96 * deviations(settled.fit)[0]
+    bounded = replace(MODEL.unknowns[0], low=value - 0.5 * true)
+    one = replace(settled, model=replace(MODEL, unknowns=(bounded, *MODEL.unknowns[1:])))
+    monkeypatch.setattr(likelihood, "deviations", lambda of: 0.3 * deviations(of))
+    ask_likelihood(one, 1)
+    assert one.reach[0, 0] == pytest.approx(0.5 * true)
+    assert one.reach[0, 1] > 0.6 * true
 
 
 def test_an_interval_of_the_right_width_stays_about_as_wide(settled):

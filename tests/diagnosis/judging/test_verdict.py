@@ -63,7 +63,7 @@ def attempt(names, misfit, kind="physics", off=0.0, each=(), typical=()):
     recorded = [SimpleNamespace(name=f"{r}.csv", first=0) for r in range(len(each))]
     followers = [SimpleNamespace(measured=one, segments=100) for one in recorded]
     return SimpleNamespace(
-        hypotheses=hypotheses, misfit=misfit, level=misfit, scale=scale,
+        hypotheses=hypotheses, label=" + ".join(names) or "nominal", misfit=misfit, level=misfit, scale=scale,
         withdrawn=False, reach=None, followers=followers, misfits=each, shares=(),
         fit=SimpleNamespace(passes=passes, cost=10_000 * misfit),
         model=SimpleNamespace(shared=1 + len(names)),
@@ -117,6 +117,45 @@ def test_an_effect_is_asserted_though_half_of_what_was_held_out_is_lost(each, sh
     assert verdict_of(Explanation(attempt([], 50.0), [attempt(["gravity"], 1.0)]), held_out) == expected
     assert lost(held_out) == told
     assert verdict_of(Explanation(attempt([], 1.0)), attempt([], 98.0, each=each)) == "unknown"
+
+
+def test_an_effect_that_was_fitted_twice_is_as_sure_as_once():
+    twice = [attempt(["gravity"], 1.0), attempt(["gravity"], 1.0001)]
+    rival = attempt(["guide_friction"], 1.0001)
+    chance = probabilities(Explanation(attempt([], 50.0), [*twice, rival]))
+    assert chance[id(twice[0])] == chance[id(twice[1])]
+    assert chance[id(twice[0])] + chance[id(rival)] == pytest.approx(1.0)
+    assert chance[id(twice[0])] / chance[id(rival)] == pytest.approx(np.exp(0.5), rel=1e-2)  # 10 000 samples
+
+
+@pytest.mark.parametrize(
+    ("each", "shares", "hints", "lost_of"),
+    [
+        ([1.0, 98.0], (), [], ["1.csv"]),
+        ([1.0, 1.0], (1.0, 0.6), [], ["1.csv"]),
+        ([1.0, 2.0], (), [], []),  # off all along
+        ([70.0, 98.0], (), [], []),  # nowhere right
+        ([1.0, 98.0], (), [SimpleNamespace(gain=1e4)], []),  # the fitted recordings say so, too
+    ],
+)
+def test_a_path_that_was_lost_alone_does_not_say_that_something_is_missing(
+    monkeypatch, each, shares, hints, lost_of
+):
+    known(monkeypatch, lambda _: [Estimate(3e-4, 3e-4, 3e-4)])
+    for hint in hints:
+        hint.hypotheses = [SimpleNamespace(body="slider", direction="x")]
+    nominal, held_out = attempt([], 1.0), attempt([], 30.0, each=each)
+    nominal.fit.values, held_out.shares = np.array([[3e-4, 700.0]]), shares
+    explanation = Explanation(nominal, hints=hints)
+    fit = {"held_out": {"before": 30.0, "after": 30.0}}
+    told = sentences(verdict_of(explanation, held_out), explanation, "C", fit, [], held_out)
+    assert verdict_of(explanation, held_out) == "unknown"
+    if lost_of:
+        assert f"held out of {' and '.join(lost_of)} was lost" in told[0]
+        assert place_of(explanation, held_out) == (None, None)
+    else:
+        assert told[0].startswith("Something is missing")
+        assert "shows most in ." not in " ".join(told)
 
 
 @pytest.mark.parametrize(("left", "expected"), [(1.18, "unknown"), (1.02, "physics")])

@@ -91,6 +91,24 @@ def test_a_frame_that_is_known_to_move_does_not_mislead():
     assert explained > 0.3
 
 
+@pytest.mark.parametrize("zero", [0.0, 1.3])
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_an_encoder_tells_the_speed_and_other_channels_whose_machine_it_is(zero, sense):
+    machine, values, speed, angle = recorded("C", 3e-4, 700.0)
+    signals = (*ROD, Signal.CRANK_ANGLE)
+    values = values[:, list(signals)].copy()
+    values[:, -1] = sense * (angle + zero + speed * np.arange(len(values)) / CHAIN.rate)
+    if sense < 0.0:
+        assert align(machine, values, signals, CHAIN.rate, RANGE)[0] == pytest.approx(-speed)
+        return
+    *told, explained = align(machine, values, signals, CHAIN.rate, RANGE)
+    assert told == pytest.approx([speed, angle + zero])
+    assert explained > 0.3
+    stranger = values.copy()
+    stranger[:, :-1] = values[:, :-1].std(axis=0) * np.random.default_rng(1).normal(size=(len(values), 4))
+    assert align(machine, stranger, signals, CHAIN.rate, RANGE)[2] < 0.1
+
+
 def test_an_encoder_is_believed():
     machine, values, speed, angle = recorded("C", 3e-4, 700.0)
     signals = (Signal.ROD_C_AXIAL, Signal.CRANK_ANGLE)

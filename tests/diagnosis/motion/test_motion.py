@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from clearance.diagnosis.motion.outcome import diagnose
 from clearance.diagnosis.motion.prediction import Guess, predict
 from clearance.diagnosis.motion.recordings import only_motion, tracks_of, uncertain_bounds, zero_is_known
 from clearance.diagnosis.motion.track import LowPass, Track, respond
+from clearance.diagnosis.motion.verdict import verdict_of
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.errors import InputError
 from clearance.mechanism.drive import DirectCurrentMotor, SpeedControl
@@ -165,6 +167,25 @@ def test_geometry_and_gain(effect, fault, parameter, truth):
     name, key = parameter
     assert set(named(found)) == {name}
     assert holds(named(found)[name][key], truth)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "held_out", "zero", "expected"),
+    [
+        (["physics"], 1.05, None, "physics"),
+        (["physics"], 5.0, None, "unknown"),  # it explains what it was fitted to alone
+        ([], 5.0, None, "unknown"),
+        ([], 1.05, None, "none"),  # an encoder's zero that nobody asks for is a matter of course
+        ([], 1.05, "sensor_bias", "instrument"),
+        (["physics"], 1.05, "sensor_bias", "mixed"),
+    ],
+)
+def test_a_verdict_needs_what_was_held_out_and_names_what_was_asked_for(kinds, held_out, zero, expected):
+    terms = [SimpleNamespace(effect=SimpleNamespace(kind=kind)) for kind in kinds]
+    findings = SimpleNamespace(
+        enough=SimpleNamespace(enough=True), zero=True, best=SimpleNamespace(terms=terms)
+    )
+    assert verdict_of(findings, [], zero, held_out) == expected
 
 
 def test_values_that_a_recording_does_not_tell_are_not_given_as_known():
