@@ -115,6 +115,8 @@ def parameters(case: Case, effects: Sequence[Mapping[str, Any]]) -> list[dict[st
             true = truth.get(key, _off(name, key))
             if not isinstance(true, int | float) or given.get("low") is None or given.get("high") is None:
                 continue
+            if given["low"] == given["high"]:  # a whole number, which is told and not estimated
+                continue
             unit = np.pi / 180.0 if given.get("unit") == "deg" else 1.0
             value, low, high = (float(given[k]) * unit for k in ("value", "low", "high"))
             if key in _TURNING:

@@ -52,7 +52,8 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     asserted = [parameter for row in said if row["kind"] != "beam" for parameter in row["parameters"]]
     clearances = [row["clearance"] for row in said if row["clearance"] and row["right"]]
     curves = [one for row in unnamed if (one := row.get("curve_correlation", 0.0)) is not None]
-    claims = [row for row in said if row["left_over"] is not None and _claims(row)]
+    # a machine that cannot run has left all unexplained; one with a force of free form is not asked
+    claims = [row for row in said if row["verdict"] != "unknown" and _claims(row)]
     return {
         "cases": len(rows),
         "kinds": dict(Counter(row["kind"] for row in rows)),
@@ -76,6 +77,10 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "parameter_coverage": rate([parameter["covered"] for parameter in asserted]),
         "parameter_error": quantiles([p["error"] for p in asserted if p["error"] is not None]),
         "clearance_coverage": rate([one["covered"] for one in clearances if one["covered"] is not None]),
+        "clearance_coverage_of_all": rate(
+            [bool(row["clearance"]["covered"]) for row in said
+             if row["clearance"] and row["clearance"]["covered"] is not None]
+        ),
         "clearance_error": quantiles([one["error"] for one in clearances]),
         "clearance_error_of_all": quantiles([row["clearance"]["error"] for row in said if row["clearance"]]),
         "clearance_error_at_best": quantiles(
@@ -91,9 +96,12 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         # of what could be followed in part alone nobody knows the rest
         "held_out_at_floor": rate(
             [one["after"] <= 1.1 * one["floor"] and not one.get("shares") for one in held]
+            + [False] * (len(rows) - len(said) if held else 0)
         ),
-        "claims_borne_out": rate([row["left_over"] <= 1.0 for row in claims]),
-        "left_over": quantiles([row["left_over"] for row in claims]),
+        "claims_borne_out": rate(
+            [row["left_over"] is not None and row["left_over"] <= 1.0 for row in claims]
+        ),
+        "left_over": quantiles([row["left_over"] for row in claims if row["left_over"] is not None]),
         "seconds": quantiles([row["seconds"] for row in rows]),
         "memory_mib": quantiles([row["memory_mib"] for row in rows if row.get("memory_mib")]),
         "power": _power(rows),
@@ -244,7 +252,8 @@ _ROWS: tuple[tuple[str, str, str, _Show], ...] = (
     ("outside the list: `unknown` with the right body", "unknown_with_body", "90 %", _rate_cells),
     ("free-form force correlates at least 0.95", "curve_good", "", _rate_cells),
     ("parameters inside their 95 % intervals", "parameter_coverage", "90 to 98 %", _rate_cells),
-    ("clearance inside its 95 % interval", "clearance_coverage", "90 to 98 %", _rate_cells),
+    ("clearance inside its 95 % interval, right verdicts", "clearance_coverage", "90 to 98 %", _rate_cells),
+    ("the same, wrong verdicts included", "clearance_coverage_of_all", "", _rate_cells),
     ("error of the parameters", "parameter_error", "", _error_cells),
     ("error of the clearance, before", "clearance_error_before", "", _error_cells),
     ("error of the clearance, after", "clearance_error", "", _error_cells),

@@ -133,6 +133,19 @@ def test_a_case_without_a_verdict_counts_as_wrong(secrets):
     assert summary["named_or_equivalent"]["rate"] == 0.0
     assert summary["without_verdict"] == 1
     assert "no verdict within 600 s" in failures(summary)
+    assert summary["held_out_at_floor"]["of"] == 0  # of a program that knows no such error
+    right = scored(FRICTION, verdict("physics", [friction()]), secrets)
+    assert summarise([right, row])["held_out_at_floor"] == rate([True, False])
+
+
+def test_what_cannot_be_wrong_is_not_counted_as_right(secrets):
+    """A whole number without an interval; a claim of numbers that no machine can have."""
+    effect = friction()
+    effect["parameters"]["order"] = {"value": 2.0, "unit": "", "low": 2.0, "high": 2.0}
+    row = scored(FRICTION, verdict("physics", [effect], clearance=-1.0), secrets)
+    assert all(one["parameter"] != "order" for one in row["parameters"])
+    assert row["left_over"] is None
+    assert summarise([row])["claims_borne_out"] == rate([False])
 
 
 def test_a_fault_has_a_channel_and_may_be_given_in_degrees(secrets):

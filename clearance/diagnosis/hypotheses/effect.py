@@ -25,6 +25,7 @@ NOMINAL = "nominal"
 _OPERATIONS = ("set", "multiply", "add")
 _SCALES = ("linear", "log")
 _JOINTS = {"B": ("joint_b", "joint_c"), "C": ("joint_c", "joint_b")}
+_SECONDS = {"s": 1, "Hz": -1, "N": -2}
 _PLAIN = {"joint_b": "joint B", "joint_c": "joint C"}
 
 
@@ -81,6 +82,14 @@ class FreeParameter:
         for holds, message in checks:
             if not holds:
                 raise InputError(message)
+
+    @property
+    def seconds(self) -> int:
+        """Power of the second in its unit: by whose seconds it is counted matters."""
+        over, _, under = self.unit.partition("/")
+        factors = [(one, 1) for one in over.split()] + [(one, -1) for one in under.split()]
+        powers = [(*one.partition("^")[::2], sign) for one, sign in factors]
+        return sum(sign * _SECONDS.get(name, 0) * int(power or 1) for name, power, sign in powers)
 
     def text(self, value: float) -> str:
         """The value with its unit, for people: lengths and times in millionths where they are small."""

@@ -172,11 +172,14 @@ def at_pace(machine: SliderCrank, rate_error: float) -> SliderCrank:
 
 
 def _with_effects(machine: SliderCrank, hypotheses: Sequence[Hypothesis], values: np.ndarray) -> SliderCrank:
-    place = 0
+    """The machine with effects, as a clock at fault sees it: sizes of effects are by that clock's seconds."""
+    place, each = 0, []
     for hypothesis in hypotheses:
         count = len(hypothesis.unknowns)
-        machine = hypothesis.apply(machine, values[place : place + count])
+        each.append((hypothesis, values[place : place + count]))
         place += count
+    for hypothesis, own in sorted(each, key=lambda one: one[0].fault is None):
+        machine = hypothesis.apply(machine, own)
     return machine
 
 

@@ -66,7 +66,7 @@ def gather_evidence(
         "missing_force": sorted(_missing_force(search, along), key=lambda one: one["body"] != body),
         "signatures": _signatures(held_out, before, after, nominal, best, search.workers),
         "detectability": nominal_map(
-            setting.joint, float(clearance), float(speed), search.recordings[0].channels, here
+            setting, float(clearance), float(speed), search.recordings[0].channels, here
         ),
         **({"free_form": curve} if curve else {}),
         "mechanism": {

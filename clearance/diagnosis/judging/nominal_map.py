@@ -2,17 +2,20 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
 
 from clearance.configuration import CONFIGURATION
 from clearance.diagnosis.hypotheses.effect_files import load_effects
-from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
+from clearance.diagnosis.hypotheses.hypothesis import Setting, gather, settled
 from clearance.diagnosis.judging.detectability import detectability_map, faults_of_sensors
+from clearance.mechanism.drive import Drive
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.channels import SensorSet
@@ -42,18 +45,21 @@ def write_nominal_map(path: Path | None = None) -> None:
 
 
 def nominal_map(
-    joint: str, clearance: float, speed: float, channels: Sequence[str], here: Sequence[dict[str, Any]]
+    setting: Setting, clearance: float, speed: float, channels: Sequence[str], here: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
-    """The stored map with the place of a recording on it, for the report.
+    """The stored map with the place of a recording on it, for the report; of another machine there is none.
 
     Args:
-        joint: B or C.
+        setting: the machine as it is, and the joint.
         clearance: of the recording [m].
         speed: of the recording, either sense [rpm].
         channels: of the recording.
         here: what the fit of the recording itself could have shown, see ``detectability.seen_beside``.
     """
-    stored = json.loads(resources.files(__package__).joinpath(_STORED).read_text(encoding="utf-8"))[joint]
+    stored: dict[str, Any] = {"sensor_sets": {}}
+    if _alike(setting):
+        file = resources.files(__package__).joinpath(_STORED)
+        stored = json.loads(file.read_text(encoding="utf-8"))[setting.joint]
     known = {name: len(own) for name, own in stored["sensor_sets"].items() if _has(channels, own)}
     return {
         **stored,
@@ -62,6 +68,19 @@ def nominal_map(
             "sensors": max(known, key=lambda name: known[name]) if known else None,
         },
     }  # fmt: skip
+
+
+def _alike(setting: Setting) -> bool:
+    """Whether a machine is the map's but for its clearance and speed."""
+    own, drawn = (
+        replace(machine, drive=settled(machine.drive.at_speed(SPEEDS[0])))
+        for machine in (setting.with_clearance(3e-4), _MACHINES[setting.joint])
+        if isinstance(machine.drive, Drive)
+    )
+    same: bool = np.array_equal(own.codes(), drawn.codes()) and np.allclose(
+        own.parameters(), drawn.parameters()
+    )
+    return same
 
 
 def _has(channels: Sequence[str], needed: Sequence[str]) -> bool:

@@ -17,6 +17,7 @@ from clearance.diagnosis.judging.detectability import seen_beside
 from clearance.diagnosis.judging.evidence import gather_evidence
 from clearance.diagnosis.judging.held_out import ask, judge, speeds_near
 from clearance.diagnosis.judging.mismatch import Innovations, innovations, interval, root_mean_square, summary
+from clearance.diagnosis.judging.true_seconds import machine_of, true_speed
 from clearance.diagnosis.judging.verdict import (
     FITTED,
     basis_of,
@@ -183,7 +184,7 @@ def diagnose(
         "recordings": [
             {
                 "name": one.name, "seconds": one.seconds, "rate_hz": one.chain.rate,
-                "channels": list(one.channels), "speed_rpm": float(best.fit.values[r, -1]),
+                "channels": list(one.channels), "speed_rpm": true_speed(best, r),
                 "held_out_seconds": sum(o.seconds for o in judged.held_out if o.name == one.name),
             }
             for r, one in enumerate(recordings)
@@ -227,8 +228,7 @@ def diagnose(
     evidence = gather_evidence(
         search, explanation, judged.held_out, judged.before, after, errors_fit, here, verdict
     )
-    model = setting.model(best.hypotheses)
-    return Outcome(diagnosis, evidence, model.machine(best.fit.values[0]), explanation)
+    return Outcome(diagnosis, evidence, machine_of(best, setting, clearance.value), explanation)
 
 
 def patience(spent: float, time_limit: float) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import DAMPING, FREE_FORM, along, curve_of, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.judging.true_seconds import seconds_of
 from clearance.diagnosis.kinematics.shaking import Shaking
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
@@ -51,9 +52,10 @@ def estimates(attempt: Attempt) -> list[Estimate]:
     """Shared parameters, the clearance first, with intervals inside the parameters' bounds.
 
     Of a machine that is not followed through the recordings what it errs by there says nothing. Beside a
-    table the others are less sure than they seem: where it cannot follow what acts, they give way.
+    table the others are less sure than they seem: where it cannot follow what acts, they give way. Beside a
+    clock at fault they were counted by its seconds, and are given by true ones.
     """
-    found = []
+    found, counted = [], seconds_of(attempt)
     unfollowed = attempt.reach is not None and not explained(attempt)
     each = np.zeros(attempt.model.shared) if unfollowed else deviations(attempt.fit)
     if unnamed(attempt.hypotheses) is not None:
@@ -62,7 +64,8 @@ def estimates(attempt: Attempt) -> list[Estimate]:
         unknown, value = attempt.model.unknowns[i], float(attempt.fit.values[0, i])
         below, above = (0.0, 0.0) if attempt.reach is None else attempt.reach[i]
         low, high = value - max(1.96 * sd, below), value + max(1.96 * sd, above)
-        found.append(Estimate(value, max(low, unknown.low), min(high, unknown.high)))
+        bounded = np.array([value, max(low, unknown.low), min(high, unknown.high)]) * counted[i]
+        found.append(Estimate(*map(float, bounded)))
     return found
 
 

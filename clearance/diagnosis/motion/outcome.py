@@ -152,6 +152,10 @@ def diagnose(
     guess = best.fit.model.guess(best.fit.shared, best.fit.own[0])
     if guess is not None:
         corrected = replace(corrected, drive=guess.machine.drive)
+    seen = clearance["after_m"]
+    if seen is None:  # what recordings do not show stays as it was
+        seen = getattr(setting.machine, f"joint_{joint.lower()}").clearance
+    corrected = Setting(corrected, joint).with_clearance(seen)
     return Outcome(diagnosis, evidence, corrected, findings)
 
 

@@ -22,6 +22,7 @@ from clearance.diagnosis.judging.nominal_map import CLEARANCES, SPEEDS, nominal_
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.shooting.fit import fit
 from clearance.diagnosis.shooting.follow import Follower
+from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.channels import ACCELERATIONS, SensorSet
@@ -63,10 +64,11 @@ def test_noise_and_sensors_set_the_standard_error():
 
 @pytest.mark.parametrize("joint", ["B", "C"])
 def test_the_stored_map_is_complete_and_knows_where_a_recording_lies(joint):
-    stored = nominal_map(joint, 3.1e-4, -690.0, (*ACCELERATIONS[2:8], "slider_horizontal"), [])
+    setting = Setting(SliderCrank(), joint)
+    stored = nominal_map(setting, 3.1e-4, -690.0, (*ACCELERATIONS[2:8], "slider_horizontal"), [])
     assert stored["here"] == {"clearance_m": 3.1e-4, "speed_rpm": 690.0, "sensors": "all", "effects": []}
-    assert nominal_map(joint, 3e-4, 700.0, ACCELERATIONS[4:8], [])["here"]["sensors"] == "rod"
-    assert nominal_map(joint, 3e-4, 700.0, ["slider_position"], [])["here"]["sensors"] is None
+    assert nominal_map(setting, 3e-4, 700.0, ACCELERATIONS[4:8], [])["here"]["sensors"] == "rod"
+    assert nominal_map(setting, 3e-4, 700.0, ["slider_position"], [])["here"]["sensors"] is None
     names = {effect["name"] for effect in stored["effects"]}
     assert {"guide_friction", "rod_inertia", "joint_friction", "sensor_gain", "sensor_delay"} <= names
     for effect in stored["effects"]:
@@ -74,10 +76,20 @@ def test_the_stored_map_is_complete_and_knows_where_a_recording_lies(joint):
             assert np.shape(effect["size"][name]) == (len(CLEARANCES), len(SPEEDS))
 
 
+def test_no_map_is_shown_of_another_machine():
+    here = [{"name": "gravity", "size": 0.1}]
+    usual = replace(MACHINE, joint_c=Joint(5e-4), drive=SpeedControl(950.0))
+    assert nominal_map(Setting(usual, "C"), 5e-4, 950.0, ACCELERATIONS, here)["effects"]
+    for other in (replace(MACHINE, gravity=(0.0, -9.81)), replace(MACHINE, joint_b=Joint(1e-4))):
+        found = nominal_map(Setting(other, "C"), 5e-4, 950.0, ACCELERATIONS, here)
+        assert "effects" not in found
+        assert found["here"]["effects"] == here
+
+
 def test_the_stored_map_is_what_this_simulator_gives():
     groups = gather(load_effects(["guide_friction", "joint_friction"], []), MACHINE, "C", ())
     fresh = detectability_map(SETTING, groups, [CLEARANCE], [RPM], [ROD])
-    stored = {e["name"]: e for e in nominal_map("C", CLEARANCE, RPM, [], [])["effects"]}
+    stored = {e["name"]: e for e in nominal_map(SETTING, CLEARANCE, RPM, [], [])["effects"]}
     place = CLEARANCES.index(CLEARANCE), SPEEDS.index(RPM)
     for effect in fresh["effects"]:
         kept = stored[effect["name"]]["size"]["rod"][place[0]][place[1]]

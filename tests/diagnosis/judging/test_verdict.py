@@ -50,6 +50,7 @@ def attempt(names, misfit, kind="physics", off=0.0, each=(), typical=()):
             unknowns=(SimpleNamespace(name="size", low=-1e6, high=1e6),),
             off=np.array([off]),
             effect=None,
+            fault=None,
             channel=None,
         )
         for n in names

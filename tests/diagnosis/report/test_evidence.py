@@ -5,8 +5,10 @@ import re
 import numpy as np
 import pytest
 
+from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.nominal_map import nominal_map
 from clearance.diagnosis.report import render_report
+from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.report.examples import CHANNELS, EXAMPLES, _signature
 
 PHONE = {"width": 390, "height": 800, "touch": True}
@@ -140,7 +142,7 @@ def test_four_recordings_of_ten_channels_make_a_page_of_a_megabyte_and_a_half_at
                         else np.round(values, 2)
                     )
     evidence["signatures"]["recordings"] = runs
-    evidence["detectability"] = nominal_map("C", 3e-4, 700.0, CHANNELS, [])
+    evidence["detectability"] = nominal_map(Setting(SliderCrank(), "C"), 3e-4, 700.0, CHANNELS, [])
     assert len(render_report(diagnosis, evidence)) < 1.5e6
 
 
@@ -185,7 +187,7 @@ def test_the_map_marks_the_present_recording_and_says_cannot_be_seen_here(show, 
 
 def test_the_stored_map_is_drawn(show):
     diagnosis, _ = EXAMPLES["physics"]()
-    stored = nominal_map("C", 3e-4, -705.0, CHANNELS, [])
+    stored = nominal_map(Setting(SliderCrank(), "C"), 3e-4, -705.0, CHANNELS, [])
     page = show(diagnosis, {"detectability": stored}, **PHONE)
     assert len(page.every(".detectability td", "1")) == len(stored["clearance_m"]) * len(stored["speed_rpm"])
     place = next(i for i, e in enumerate(stored["effects"]) if e["name"] == "guide_friction")
