@@ -111,11 +111,11 @@ def _reported(cfg: DictConfig | None = None) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        _interrupted()
+        _interrupted(cfg)
     except Exception as error:
         # Ctrl-C between two steps of a library can leave it unable to shut down: no error of the user's.
         if any(isinstance(link, KeyboardInterrupt) for link in _chain(error)):
-            _interrupted()
+            _interrupted(cfg)
         wrong = _wrong_input(error, cfg)
         if wrong is None:
             raise
@@ -145,8 +145,11 @@ def _failing_alone(cfg: DictConfig) -> Iterator[None]:
         raise InputError(wrong) from None
 
 
-def _interrupted() -> NoReturn:
-    sys.stderr.write("interrupted; the same command goes on from here\n")
+def _interrupted(cfg: DictConfig | None) -> NoReturn:
+    anew = cfg is not None and cfg.get("resume") is False
+    sys.stderr.write(
+        f"interrupted; the same command {'with resume=true ' if anew else ''}goes on from here\n"
+    )
     raise SystemExit(130) from None
 
 

@@ -14,7 +14,13 @@ from clearance.errors import InputError
 from clearance.evaluation.curves import EXPERIMENTS
 from clearance.evaluation.fresh import FRESH, evaluate_fresh, read_fresh
 from clearance.evaluation.overview import overview
-from clearance.evaluation.paper.perturbation import PERTURBED, Perturbation, TrainingData, evaluate_perturbed
+from clearance.evaluation.paper.perturbation import (
+    PERTURBED,
+    Perturbation,
+    TrainingData,
+    asked,
+    evaluate_perturbed,
+)
 from clearance.evaluation.paper.results import RECORD, write_results
 from clearance.evaluation.paper.trainings import finished_trainings, trainings_of
 from clearance.evaluation.results import collect, markdown, put_between_marks, with_recorded
@@ -34,6 +40,11 @@ def main(cfg: DictConfig) -> None:
         if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or cfg[name] < 0:
             raise InputError(
                 f"{name} = {cfg[name]!r}: a number of recordings, 0 or more, is needed; set {name}"
+            )
+    for name in ("readme", "picture"):
+        if cfg[name] and cfg.results is None:
+            raise InputError(
+                f"{name}={cfg[name]}: made only together with the results; set results to a folder"
             )
     runs = Path(cfg.runs)
     figures = instantiate(cfg.figures, _convert_="all")
@@ -100,14 +111,14 @@ def measure_coverage(run: Path, recordings: int) -> None:
 
 
 def measure_perturbed(runs: Path, perturbations: Mapping[str, Perturbation], recordings: int) -> None:
-    """Write ``perturbed.json`` beside each training of Table 7 unless it is there with as many recordings."""
+    """Write ``perturbed.json`` beside each training of Table 7 unless it is there and was asked the same."""
     wanted = set(trainings_of("table6"))
     for one in finished_trainings(runs):
         assert one.path is not None
         path = one.path / PERTURBED
         if one.training not in wanted:
             continue
-        if path.exists() and read_json(path, "runs")["recordings"] == recordings:
+        if path.exists() and read_json(path, "runs").get("asked") == asked(perturbations, recordings):
             continue
         if not any(one.path.glob("model.*")):
             log.info("%s: left out, its weights are elsewhere", one.path)

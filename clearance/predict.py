@@ -49,14 +49,15 @@ def load_gauge(folder: Path) -> Gauge:
 
 def estimate_file(gauge: Gauge, path: Path) -> tuple[Estimate, ...]:
     """Estimate one file, a clearance a joint; errors name it."""
-    recording = corrected(read(path))
-    missing = [name for name in gauge.channels if name not in recording.channels]
-    if missing:
-        raise InputError(
-            f"{path}: lacks the channels {missing}: the model reads {list(gauge.channels)}; name them in the "
-            "YAML beside the file, or train with sensors that are there"
-        )
+    recording = read(path)
     try:
+        recording = corrected(recording)
+        missing = [name for name in gauge.channels if name not in recording.channels]
+        if missing:
+            raise InputError(
+                f"lacks the channels {missing}: the model reads {list(gauge.channels)}; name them in the "
+                "YAML beside the file, or train with sensors that are there"
+            )
         signals = recording.select(gauge.channels).values
         return gauge.estimate(signals, recording.rate, recording.metadata.get("chain"))
     except InputError as error:

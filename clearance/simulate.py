@@ -7,6 +7,7 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 
 from clearance.commands import command, shard, threads
+from clearance.errors import InputError
 
 log = logging.getLogger(__name__)
 
@@ -14,13 +15,18 @@ log = logging.getLogger(__name__)
 @command("simulate")
 def main(cfg: DictConfig) -> None:
     """Simulate what the data set lacks and say what it holds, or write recordings."""
-    campaign, workers = instantiate(cfg.campaign, _convert_="all"), threads(cfg.workers)
+    campaign = instantiate(cfg.campaign, _convert_="all")
+    part, workers = shard(cfg.shard), threads(cfg.workers)
     if cfg.recordings:
-        paths = campaign.export(cfg.recordings, workers)
-        log.info("%d recordings in %s, from %s on", len(paths), cfg.recordings, paths[0].name)
+        if cfg.dataset:
+            raise InputError(
+                f"dataset={cfg.dataset} and recordings={cfg.recordings}: one of both; set the other to null"
+            )
+        paths = campaign.export(cfg.recordings, part, workers)
+        log.info("%d of %d runs are recordings in %s", len(paths), campaign.runs, cfg.recordings)
         return
     path = Path(cfg.dataset or f"outputs/datasets/{campaign.fingerprint}")
-    dataset = campaign.generate(path, shard(cfg.shard), workers)
+    dataset = campaign.generate(path, part, workers)
     for run, reason in dataset.failures().items():
         log.warning("run %d: %s", run, reason)
     log.info(

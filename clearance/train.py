@@ -2,13 +2,14 @@
 
 import logging
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from hydra.core.hydra_config import HydraConfig
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
@@ -23,6 +24,8 @@ from clearance.whole_files import read_json, read_yaml
 from clearance.windows.datamodule import WindowData
 
 log = logging.getLogger(__name__)
+_MACHINES = ("mechanism", "joint", "seed", "clearance_range", "speed_range", "random", "random_share")
+"""Of a campaign, what decides the machine of a run: however it is recorded, it is the same machine."""
 
 
 @command("train")
@@ -30,6 +33,12 @@ def main(cfg: DictConfig) -> float | None:
     """Prepare the data, train, calibrate on the test recordings, judge, save; return the validation NMAE."""
     each = [cfg] if cfg.seeds is None else [of_seed(cfg, seed) for seed in different(cfg.seeds)]
     # Everything is checked before anything is written or computed.
+    asked = {one.split("=")[0].lstrip("+") for one in HydraConfig.get().overrides.task}
+    if "runs" in asked and "simulation" not in cfg.data.source:
+        raise InputError(
+            f"runs={cfg.runs}: a number of simulated runs, of which these data have none; leave it out, or "
+            "with data=stored set data.source.runs"
+        )
     instantiate(cfg.sensors)
     data = instantiate(each[0].data, _convert_="all")
     estimators = [instantiate(one.model, _convert_="all") for one in each]
@@ -45,16 +54,21 @@ def main(cfg: DictConfig) -> float | None:
             estimator.begin(Path(cfg.begin))
 
     runs = [open_run(one) for one in each]
-    if all(run.finished for run in runs):
+    finished = all(run.finished for run in runs)
+    if not (finished and data.source.reproducible):
+        data.prepare_data()
+        data.setup()
+        for run in runs:
+            run.begin(data.recordings.fingerprint)
+    if finished:
         for run in runs:
             log.info("%s is finished: resume=false trains again", run.path)
         return validation_error(runs)
-    data.prepare_data()
-    data.setup()
     if cfg.seeds is None:
         judge(cfg, estimators[0], data, runs[0], estimators[0].fit(data, runs[0]), 1)
         return validation_error(runs)
     shared = open_run(cfg)
+    shared.begin(data.recordings.fingerprint)
     seconds = fit_together(shareable(estimators), data, runs, shared)
     failed: list[str] = []
     for one, estimator, run, spent in zip(each, estimators, runs, seconds, strict=True):
@@ -71,17 +85,32 @@ def main(cfg: DictConfig) -> float | None:
 
 def _require_apart(cfg: DictConfig) -> None:
     """Refuse weights that have seen recordings which this training would be tested on."""
-    before, now = read_yaml(Path(cfg.begin) / CONFIG) or {}, plain(cfg)
-    simulated = str(cfg.data.source._target_).endswith(("SimulatedSource", "StreamingSource"))
-    same = simulated and all(
-        before.get(key) == now.get(key) for key in ("data_seed", "mechanism", "campaign")
+    (machines, division), (before, divided) = (
+        _seen(config) for config in (plain(cfg), read_yaml(Path(cfg.begin) / CONFIG) or {})
     )
-    other = [key for key in ("runs", "split_seed") if before.get(key) != now.get(key)]
-    if same and other:
+    other = [key for key, value in division.items() if value != divided.get(key)]
+    if machines == before and other:
         raise InputError(
-            f"begin={cfg.begin}: it has seen recordings of data_seed={cfg.data_seed} that this training "
-            f"would be tested on ({' and '.join(other)} differ); set another data_seed, or these as there"
+            f"begin={cfg.begin}: it has seen recordings that this training would be tested on "
+            f"({' and '.join(other)} differ); set another data_seed, or these as there"
         )
+
+
+def _seen(config: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Which machines a training sees, and what decides which of them it is tested on."""
+    data = config.get("data", {})
+    source, split = data.get("source", {}), data.get("split", {})
+    campaign = source.get("simulation", {})
+    machines = {key: campaign.get(key) for key in _MACHINES}
+    machines |= {key: source.get(key) for key in ("_target_", "path")}
+    if "held_out" in source:  # epochs of their own, whatever the split
+        return machines, {"data.source.held_out": source["held_out"]}
+    return machines, {
+        "runs": campaign.get("runs", source.get("runs")),
+        "split_seed": split.get("seed"),
+        "data.split.train": split.get("train"),
+        "data.split.validation": split.get("validation"),
+    }
 
 
 def different(seeds: Any) -> list[int]:
@@ -109,8 +138,13 @@ def of_seed(cfg: DictConfig, seed: int) -> DictConfig:
 
 
 def open_run(cfg: DictConfig) -> RunFolder:
-    """The folder of a training, with its configuration."""
-    return RunFolder.open(Path(cfg.folder), plain(cfg), cfg.seed, cfg.resume)
+    """The folder of a training, with its configuration and what was asked for."""
+    asked = HydraConfig.get()
+    config = {
+        "experiment": asked.runtime.choices["experiment"], **plain(cfg),
+        "overrides": list(asked.overrides.task),
+    }  # fmt: skip
+    return RunFolder.open(Path(cfg.folder), config, cfg.seed, cfg.resume)
 
 
 def plain(cfg: DictConfig) -> dict[str, Any]:
@@ -131,7 +165,7 @@ def judge(
     for name, figure in test.figures(f"{cfg.name}, test recordings").items():
         run.logger.experiment.add_figure(f"test/{name}", figure, close=False)
     scores = {f"test/{name}": value for name, value in test.metrics.items()}
-    run.compare(plain(cfg), scores)
+    run.compare(scores)
     run.finish(
         {
             "validation": validation.metrics,

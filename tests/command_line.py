@@ -13,6 +13,8 @@ SMALL = (
     "trainer.accelerator=cpu", "trainer.threads=1",
 )  # fmt: skip
 
+TREES = ("experiment=smoke", "model=xgboost", "model.rounds=5", "model.depth=3")
+
 
 def command(name, *overrides):
     return [sys.executable, "-m", f"clearance.{name}", *map(str, overrides)]

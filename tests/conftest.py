@@ -1,13 +1,19 @@
-"""A source of recordings made in code: chirps whose frequency and level tell the clearance."""
+"""What many tests need: recordings made in code, commands that must refuse, a finished training."""
+
+import re
 
 import numpy as np
 import pytest
 
 from clearance.windows.sources import FixedSource, LabelledRecordings, check_memory
+from tests.command_line import TREES, call, launch
 
 
 class Chirps(FixedSource):
-    """Two or more channels in memory; ``spoil`` may change the recordings once they are divided."""
+    """Chirps whose frequency and level tell the clearance, of two or more channels.
+
+    ``spoil`` may change the recordings once they are divided.
+    """
 
     def __init__(self, runs=20, samples=300, seed=0, rate=1e4):
         self.runs, self.samples, self.seed, self.rate = runs, samples, seed, rate
@@ -47,3 +53,29 @@ class Chirps(FixedSource):
 def chirps():
     """The class, to make sources of any size."""
     return Chirps
+
+
+@pytest.fixture
+def refused(monkeypatch, capfd, tmp_path):
+    """Call a command that must refuse, with one line that matches."""
+    monkeypatch.chdir(tmp_path)
+
+    def check(name, words, *overrides):
+        code, error = call(monkeypatch, capfd, name, *overrides, "hydra.run.dir=run")
+        assert code == 2, error
+        # a simulation's bar is no part of the message
+        lines = [line for line in error.splitlines() if line.strip() and not line.startswith("simulating")]
+        assert len(lines) == 1, error
+        assert lines[0].startswith("error: ")
+        assert re.search(words, lines[0]), error
+
+    return check
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory):
+    """A folder with a finished training in ``run``, of ``TREES``; to be copied before it is changed."""
+    home = tmp_path_factory.mktemp("trained")
+    done = launch("train", *TREES, "hydra.run.dir=run", folder=home)
+    assert done.returncode == 0, done.stderr
+    return home

@@ -1,6 +1,7 @@
 """Folders of finished trainings made without training, as far as tables read them."""
 
 import json
+from copy import deepcopy
 from functools import cache
 
 import yaml
@@ -22,7 +23,8 @@ def configuration(setting: Setting, *overrides: str):
 def finish(folder, training: Training, nmae: float, *overrides: str) -> None:
     """Leave the configuration and metrics of a training whose errors follow from ``nmae`` [%]."""
     seeds = {"split_seed": training.split_seed, "seed": training.seed}
-    config = configuration(training.setting, *overrides) | seeds
+    config = deepcopy(configuration(training.setting, *overrides)) | seeds
+    config["data"]["seed"], config["data"]["split"]["seed"] = training.seed, training.split_seed
     place = folder / ",".join(map(str, (*training.setting, *seeds.values())))
     place.mkdir(parents=True)
     (place / "config.yaml").write_text(yaml.safe_dump(config))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
+from omegaconf import OmegaConf
 from safetensors.numpy import load_file
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
@@ -209,6 +210,12 @@ def test_a_folder_named_by_overrides_needs_no_quotes():
         "--help",
     ):
         assert _quoted(as_it_is) == as_it_is
+
+
+def test_an_interrupted_training_anew_does_not_promise_that_the_same_command_goes_on(capsys):
+    with pytest.raises(SystemExit), _reported(OmegaConf.create({"resume": False})):
+        raise KeyboardInterrupt
+    assert "the same command with resume=true goes on from here" in capsys.readouterr().err
 
 
 def test_an_error_that_ctrl_c_caused_is_reported_as_an_interruption(capsys):

@@ -41,7 +41,8 @@ def test_each_seed_has_the_folder_that_it_would_have_alone(train, tmp_path):
     events = [{name for name in names if name.startswith("events")} for names in files]
     assert files[0] - events[0] == files[1] - events[1] - {"train.log"}
     assert len(events[0]) == 1
-    assert read_yaml(two / "config.yaml") == read_yaml(alone / "config.yaml")
+    ours, theirs = (read_yaml(run / "config.yaml") for run in (two, alone))
+    assert ours | {"overrides": []} == theirs | {"overrides": []}  # but for seeds=[1,2]
     assert (two / "scalers.json").read_bytes() == (alone / "scalers.json").read_bytes()
     ours, theirs = (load_file(run / "model.safetensors") for run in (two, alone))
     assert ours.keys() == theirs.keys()
@@ -76,3 +77,6 @@ def test_what_a_kill_between_two_seeds_left_is_finished_without_training(train, 
     assert len(epochs) == 3  # none was trained again
     assert before == {path: path.stat().st_mtime_ns for path in before}
     assert not (tmp_path / "run/checkpoints").exists()
+    rows = collect(tmp_path / "run")  # whatever the folder is called
+    assert [(row["experiment"], row["seed"]) for row in rows] == [("smoke", row["seed"]) for row in rows]
+    assert rows[0]["overrides"] == ["model.net.hidden_size=16", "model.net.fold=4"]

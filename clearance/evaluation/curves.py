@@ -83,7 +83,8 @@ def _alike(rows: Sequence[Row], experiment: str) -> list[Row]:
     found: dict[tuple[int, int], Row] = {}
     for name in _ALIKE[experiment]:
         for row in rows:
-            if (row["experiment"], row["name"], row["epochs"]) == (name, _MODEL, _EPOCHS):
+            as_it_is = (row["experiment"], row["name"], row["epochs"]) == (name, _MODEL, _EPOCHS)
+            if as_it_is and not row.get("overrides"):
                 found.setdefault((row["recordings"], row["window"]), row)
     return list(found.values())
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from clearance.errors import InputError
 from clearance.evaluation.fresh import read_fresh
-from clearance.models.run_folder import CONFIG, METRICS, hardware
+from clearance.models.run_folder import CONFIG, HARDWARE, METRICS, hardware
 from clearance.whole_files import read_json, read_yaml
 
 
@@ -49,10 +49,16 @@ def with_recorded(rows: Sequence[dict[str, Any]], record: Path) -> list[dict[str
 
 
 def _key(row: dict[str, Any]) -> tuple[Any, ...]:
-    return tuple(row[key] for key in _TRAINING)
+    # The rows of an older version tell no overrides.
+    return *(row[key] for key in _TRAINING), *row.get("overrides", ())
 
 
 _TRAINING = ("experiment", "name", "recordings", "epochs", "window", "seed", "split_seed")
+_TOLD = (
+    "experiment", "model", "sensors", "joint", "name", "runs", "trainer.epochs", "windows.length",
+    "seed", "seeds", "split_seed", "folder", "resume", *HARDWARE,
+)  # fmt: skip
+"""Overrides that the other columns of a row tell, or that do not change what is learnt."""
 
 
 def _row(run: Path) -> dict[str, Any]:
@@ -60,7 +66,11 @@ def _row(run: Path) -> dict[str, Any]:
     fresh = [one["summary"] for one in read_fresh(run)]
     return {
         "name": config.get("name", run.name),
-        "experiment": run.parent.name,
+        # A training from before its configuration told has a folder named by it.
+        "experiment": config.get("experiment", run.parent.name),
+        "overrides": [
+            one for one in config.get("overrides", ()) if one.split("=")[0].lstrip("+~") not in _TOLD
+        ],
         "recordings": metrics["data"]["recordings"],
         "epochs": config["model"].get("training", {}).get("epochs"),  # a forest has none
         "window": config["windows"]["length"],
@@ -100,7 +110,7 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
     held = "{coverage:.1%} of {recordings} ({coverage_low:.1%}-{coverage_high:.1%})"
     return (
         row["experiment"],
-        row["name"],
+        ", ".join([row["name"], *row.get("overrides", ())]),
         str(row["recordings"]),
         str(row["epochs"] or ""),
         f"{test['nmae']:.2f} %",

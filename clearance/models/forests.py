@@ -151,6 +151,11 @@ class GradientBoosting:
         require(self, 0.0, 1.0, strict=True, learning_rate=learning_rate)
         if device not in ("cpu", "cuda"):
             raise InputError(f"model.device={device}: must be cpu or cuda; set model.device")
+        if device == "cuda" and not xgboost.build_info()["USE_CUDA"]:
+            raise InputError(
+                "model.device=cuda: this XGBoost computes on processors alone (pip install xgboost in place "
+                "of xgboost-cpu); set model.device=cpu"
+            )
         self._rounds = rounds
         self._settings = {
             "max_depth": depth,

@@ -18,6 +18,7 @@ from clearance.recording.chain import chain_differences, declared_chain
 from clearance.whole_files import read_json, write_json
 from clearance.windows.datamodule import TARGETS, WindowData
 from clearance.windows.scaling import Scalers
+from clearance.windows.sources import SAME_RATE
 from clearance.windows.window_set import WindowSet
 from clearance.windows.windowing import RegularWindows
 
@@ -138,10 +139,10 @@ class Gauge:
             chain: Its measurement chain as it declares it.
         """
         known = self.familiarity
-        if abs(rate / known.rate - 1) > 1e-3:  # clocks of real loggers are better than that
+        if abs(rate / known.rate - 1) > SAME_RATE:
             raise InputError(
-                f"sampled at {rate:g} Hz: the model reads {known.rate:g} Hz (within 0.1 %); resample the "
-                "recording or train with its rate"
+                f"sampled at {rate:g} Hz: the model reads {known.rate:g} Hz (within {SAME_RATE:.1%}); "
+                "resample the recording or train with its rate"
             )
         if len(signals) < known.length:
             raise InputError(

@@ -79,6 +79,20 @@ class Patience(EarlyStopping):
         trainer.should_stop = trainer.should_stop or self.wait_count >= self.patience
 
 
+class Checkpoints(ModelCheckpoint):
+    """Checkpoints that may be moved with their folder; Lightning's then forgets which was the best."""
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take over what was known, with every path in the folder of today."""
+
+        def here(path: str) -> str:
+            return str(Path(str(self.dirpath)) / Path(path).name) if path else path
+
+        paths = {name: here(path) for name, path in state_dict.items() if name.endswith("_model_path")}
+        best = {here(path): score for path, score in state_dict["best_k_models"].items()}
+        super().load_state_dict({**state_dict, **paths, "dirpath": self.dirpath, "best_k_models": best})
+
+
 class NeuralEstimator:
     """A network, how it is trained, and afterwards its best weights.
 
@@ -121,13 +135,13 @@ class NeuralEstimator:
         module = Regressor(
             self.net, plan.loss, plan.optimizer, plan.schedule, self.metrics, data.scalers.target
         )  # fmt: skip
-        best = ModelCheckpoint(run.checkpoints, "best", monitor=plan.monitor, enable_version_counter=False)
+        best = Checkpoints(run.checkpoints, "best", monitor=plan.monitor, enable_version_counter=False)
         timer = Timer(verbose=False)
         callbacks = [
             Patience(plan.monitor, patience=plan.patience),
             timer,
             best,
-            ModelCheckpoint(run.checkpoints, "last", enable_version_counter=False),
+            Checkpoints(run.checkpoints, "last", enable_version_counter=False),
             LearningRateMonitor("epoch"),
             OfDevice(plan.threads),
         ]

@@ -1,5 +1,6 @@
 """The folder of one training: what is in it, written so that a kill leaves no half file."""
 
+import os
 import platform
 import shutil
 from collections.abc import Mapping
@@ -14,9 +15,16 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from torch.utils.tensorboard.summary import hparams
 
 from clearance.errors import InputError
-from clearance.whole_files import read_yaml, write_atomically, write_json
+from clearance.whole_files import read_json, read_yaml, write_atomically, write_json
 
 CONFIG, METRICS = "config.yaml", "metrics.json"
+_BEGUN = "begun.json"  # on which recordings, and by which job of Slurm
+HARDWARE = (
+    "trainer.threads", "trainer.progress", "trainer.accelerator", "trainer.devices", "model.jobs",
+    "model.device", "campaign.device", "data.memory_gib", "data.source.folder",
+)  # fmt: skip
+"""Keys of what computes a training, and of where its data lie: they do not decide what is learnt."""
+_ASKED = ("experiment", "overrides", "folder", "resume")  # how a training was asked for: does not change it
 _OUTDATED = (
     METRICS, "model.*", "scalers.json", "calibration.json", "fresh.json", "perturbed.json",
     "events.out.tfevents.*",
@@ -26,10 +34,20 @@ _OUTDATED = (
 
 @dataclass
 class RunFolder:
-    """A folder, its TensorBoard events and the seed of what is trained in it."""
+    """A folder, its TensorBoard events and the seed of what is trained in it.
+
+    Attributes:
+        path: the folder.
+        seed: of the training.
+        config: of the training.
+        anew: what is there is of another training, or is not wanted: ``begin`` removes it.
+        logger: of TensorBoard's events.
+    """
 
     path: Path
     seed: int
+    config: dict[str, Any]
+    anew: bool
     logger: TensorBoardLogger
 
     @classmethod
@@ -39,20 +57,35 @@ class RunFolder:
         Raises:
             InputError: if another training has left something there that would be lost.
         """
-        path.mkdir(parents=True, exist_ok=True)
         other = _differing(_task(read_yaml(path / CONFIG) or {}), _task(config))
         if resume and other and ((path / METRICS).exists() or (path / "checkpoints").exists()):
             raise InputError(
                 f"{path} holds a training with other settings ({', '.join(other)}): choose another "
                 "hydra.run.dir, or resume=false to replace it"
             )
-        if not resume or other:
-            shutil.rmtree(path / "checkpoints", ignore_errors=True)
-            for outdated in [one for pattern in _OUTDATED for one in path.glob(pattern)]:
+        anew = bool(other) or not (resume or _begun_by_this_job(path))
+        logger = TensorBoardLogger(path, name="", version="", default_hp_metric=False)
+        return cls(path, seed, config, anew, logger)
+
+    def begin(self, recordings: str) -> None:
+        """Make the folder that of this training, on recordings with this fingerprint.
+
+        Raises:
+            InputError: a training that would go on, or is finished, had others.
+        """
+        begun = {} if self.anew else _begun(self.path)
+        if begun and begun["recordings"] != recordings:
+            raise InputError(f"{self.path}: its recordings have changed; resume=false trains again")
+        self.path.mkdir(parents=True, exist_ok=True)
+        if self.anew:
+            self.drop_checkpoints()
+            for outdated in [one for pattern in _OUTDATED for one in self.path.glob(pattern)]:
                 outdated.unlink()
-        text = yaml.safe_dump(config, sort_keys=False)
-        write_atomically(path / CONFIG, lambda file: file.write_text(text, encoding="utf-8"))
-        return cls(path, seed, TensorBoardLogger(path, name="", version="", default_hp_metric=False))
+        text = yaml.safe_dump(self.config, sort_keys=False)
+        write_atomically(self.path / CONFIG, lambda file: file.write_text(text, encoding="utf-8"))
+        if not begun:
+            write_json(self.path / _BEGUN, {"recordings": recordings, "job": os.environ.get("SLURM_JOB_ID")})
+        self.anew = False
 
     @property
     def checkpoints(self) -> Path:
@@ -61,17 +94,17 @@ class RunFolder:
 
     @property
     def finished(self) -> bool:
-        """Whether the last file of a training is there."""
-        return (self.path / METRICS).exists()
+        """Whether the last file of the training is there."""
+        return not self.anew and (self.path / METRICS).exists()
 
-    def compare(self, config: dict[str, Any], scores: dict[str, float]) -> None:
+    def compare(self, scores: dict[str, float]) -> None:
         """Give TensorBoard's HParams what it compares this training with others by.
 
         Lightning would add a list of columns, which TensorBoard takes from one training; without it, it
         puts those of all together, and first those in which they differ.
         """
         self.logger.log_metrics(scores)
-        known = {key: value for key, value in config.items() if key not in ("data", "folder", "resume")}
+        known = {key: value for key, value in self.config.items() if key not in ("data", *_ASKED)}
         _, start, end = hparams(_flat(known), {})  # data repeats what the other keys say
         writer = self.logger.experiment._get_file_writer()
         writer.add_summary(start)
@@ -88,6 +121,18 @@ class RunFolder:
         shutil.rmtree(self.checkpoints, ignore_errors=True)
 
 
+def _begun(path: Path) -> dict[str, Any]:
+    """What the beginning of the training in a folder left; empty where it is older than this file."""
+    found: dict[str, Any] = read_json(path / _BEGUN, "resume=false") if (path / _BEGUN).exists() else {}
+    return found
+
+
+def _begun_by_this_job(path: Path) -> bool:
+    """Whether a job that Slurm has queued again, after a lost node or at a limit of time, began it."""
+    again = int(os.environ.get("SLURM_RESTART_COUNT", "0")) > 0
+    return again and _begun(path).get("job") == os.environ.get("SLURM_JOB_ID")
+
+
 def _flat(config: dict[str, Any], before: str = "") -> dict[str, Any]:
     """{"model/net/hidden_size": 128}: numbers as they are, everything else as text."""
     flat: dict[str, Any] = {}
@@ -101,7 +146,7 @@ def _flat(config: dict[str, Any], before: str = "") -> dict[str, Any]:
 
 def _task(config: dict[str, Any]) -> dict[str, Any]:
     """A configuration without what does not change its training; what is null as if it were not there."""
-    return _named({key: value for key, value in config.items() if key not in ("folder", "resume")})
+    return _named({key: value for key, value in config.items() if key not in _ASKED})
 
 
 def _named(value: Any) -> Any:

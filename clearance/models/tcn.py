@@ -12,6 +12,8 @@ import itertools
 import torch
 from torch import Tensor, nn
 
+from clearance.errors import InputError
+
 
 class ResidualBlock(nn.Module):
     """Two convolutions, weighted by a scale that starts at zero, beside a shortcut; time over ``stride``."""
@@ -63,6 +65,8 @@ class TemporalConvolutions(nn.Module):
         hidden: int = 128,
     ) -> None:
         super().__init__()
+        if width % 2 == 0:  # the shortcut of a block would be a step shorter
+            raise InputError(f"model.net.width={width}: must be odd; set model.net.width")
         self.stem = nn.Sequential(
             nn.Conv1d(channels, stem, stem_width, stem_stride, padding=stem_width // 2), nn.ReLU()
         )

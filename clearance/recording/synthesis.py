@@ -4,6 +4,7 @@ Run ``i`` of a campaign depends on the seed and on ``i`` alone, so that shards, 
 agree.
 """
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +23,7 @@ from clearance.provenance import describe, fingerprint
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.channels import ACCELERATIONS, OTHER_CHANNELS
 from clearance.recording.dataset import Dataset
-from clearance.recording.files import write
+from clearance.recording.files import read, write
 from clearance.recording.recording import Recording
 from clearance.recording.sensors import SensorChain
 from clearance.simulation.batch import Sampling, run_batch, simulate
@@ -30,7 +31,9 @@ from clearance.simulation.failure import Failure
 from clearance.simulation.gpu.batch import require_gpu, run_batch_on_gpu
 from clearance.simulation.integrator import Integrator
 
+log = logging.getLogger(__name__)
 DEVICES = ("cpu", "cuda")
+_CAMPAIGN = "campaign"  # whose fingerprint an exported recording carries in its metadata
 
 SIGNAL_CHANNELS = (*ACCELERATIONS, *OTHER_CHANNELS)
 """Channels in the order of the simulation's signals."""
@@ -286,24 +289,46 @@ class Campaign:
             self._simulate(missing, store, workers)
         return dataset
 
-    def export(self, folder: str | Path, workers: int | None = None) -> list[Path]:
-        """Write every run as a Parquet recording with all channels: what a logger would have left.
+    def export(
+        self, folder: str | Path, shard: tuple[int, int] = (1, 1), workers: int | None = None
+    ) -> list[Path]:
+        """Write runs as Parquet recordings with all channels, as a logger would have left them.
+
+        Runs that are there already stay; one that fails is told and left out.
+
+        Args:
+            folder: of the recordings.
+            shard: (k, n): every n-th run, beginning with the k-th.
+            workers: threads; all cores if ``None``.
+
+        Returns:
+            The recordings that are there.
 
         Raises:
-            InputError: if a run becomes non-finite.
+            InputError: a recording of another campaign is in the place of one.
         """
         self._require_device()
-        place = Path(folder)
+        place, (part, parts) = Path(folder), shard
+        paths = {run: place / f"run-{run:06d}.parquet" for run in range(part - 1, self.runs, parts)}
+        own = self.fingerprint
+        for path in paths.values():
+            if path.exists() and read(path).metadata.get(_CAMPAIGN) != own:
+                raise InputError(
+                    f"recordings={folder}: {path} is of other settings; set recordings to another"
+                )
         place.mkdir(parents=True, exist_ok=True)
-        paths = [place / f"run-{run:06d}.parquet" for run in range(self.runs)]
+        missing = [run for run, path in paths.items() if not path.exists()]
 
-        def store(run: int, outcome: np.ndarray | Failure) -> None:
+        def store(index: int, outcome: np.ndarray | Failure) -> None:
+            run = missing[index]
             if isinstance(outcome, Failure):
-                raise InputError(f"run {run}: {outcome}")
-            write(self.recording(run, outcome), paths[run])
+                log.warning("run %d is left out: %s", run, outcome)
+                return
+            recording = self.recording(run, outcome)
+            write(replace(recording, metadata={**recording.metadata, _CAMPAIGN: own}), paths[run])
 
-        self._simulate(range(self.runs), store, workers)
-        return paths
+        self._simulate(missing, store, workers)
+        return [path for path in paths.values() if path.exists()]
 
     def fresh(self, runs: int, epoch: int) -> tuple[list[np.ndarray], np.ndarray]:
         """Runs that no data set holds: epoch ``e`` continues after ``runs`` times ``e`` others.

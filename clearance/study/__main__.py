@@ -11,7 +11,13 @@ from omegaconf import DictConfig
 from clearance.commands import command
 from clearance.errors import InputError
 from clearance.evaluation.paper.results import RECORD
-from clearance.evaluation.paper.trainings import Training, recorded_trainings, reduction, trainings_of
+from clearance.evaluation.paper.trainings import (
+    Training,
+    finished_trainings,
+    recorded_trainings,
+    reduction,
+    trainings_of,
+)
 from clearance.study.plan import stages
 from clearance.study.running import Budget, Runner
 
@@ -32,7 +38,7 @@ def main(cfg: DictConfig) -> None:
     scale = str(HydraConfig.get().runtime.choices["scale"])
     order = stages([trainings_of(str(name)) for name in cfg.experiments])
     arguments = list(map(str, cfg.arguments))
-    recorded = _recorded(Path(cfg.pictures) / RECORD, scale, arguments)
+    recorded = _recorded(Path(cfg.folder), Path(cfg.pictures) / RECORD, (f"scale={scale}", *arguments))
     runner = Runner(Path(cfg.folder), scale, arguments, budget, cfg.parallel, recorded)
     every = [training for stage in order for batch in stage for training in batch.trainings]
     log.info(
@@ -54,20 +60,27 @@ def main(cfg: DictConfig) -> None:
         raise InputError(f"{len(runner.failed)} trainings failed, the first in {where}; change arguments")
 
 
-def _recorded(record: Path, scale: str, arguments: Sequence[str]) -> frozenset[Training]:
-    """What need not be trained again.
+def _recorded(folder: Path, record: Path, arguments: Sequence[str]) -> frozenset[Training]:
+    """What the record says need not be trained again.
+
+    Args:
+        folder: of trainings.
+        record: of those that are reported.
+        arguments: of the trainings to come.
 
     Raises:
-        InputError: the record is of another scale, which one report cannot hold.
+        InputError: folder or record hold trainings that differ from them: one report cannot hold both.
     """
-    known = recorded_trainings(record)
-    for one in known:
-        if dict(one.reduced) != reduction(one.training.setting, f"scale={scale}", *arguments):
+    recorded = recorded_trainings(record)
+    for one in [*recorded, *finished_trainings(folder)]:
+        known, wanted = dict(one.reduced), reduction(one.training.setting, *arguments)
+        other = sorted(key for key in {*known, *wanted} if known.get(key) != wanted.get(key))
+        if other:
             raise InputError(
-                f"pictures = {record.parent}: {record.name} there holds trainings of another scale than "
-                f"{scale}; set pictures and report to others"
+                f"{one.path or record} differs from what {' '.join(arguments)} would train "
+                f"({', '.join(other)}); set folder, pictures and report to others"
             )
-    return frozenset(one.training for one in known)
+    return frozenset(one.training for one in recorded)
 
 
 def seconds_of(text: object) -> float:

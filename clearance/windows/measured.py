@@ -14,7 +14,7 @@ from clearance.errors import InputError
 from clearance.recording.chain import declared_chain
 from clearance.recording.correction import corrected
 from clearance.recording.recording import Recording
-from clearance.windows.sources import FixedSource, LabelledRecordings, check_memory
+from clearance.windows.sources import SAME_RATE, FixedSource, LabelledRecordings, check_memory
 
 
 @dataclass
@@ -32,21 +32,25 @@ class MeasuredSource(FixedSource):
     def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Read every file of the list."""
         entries = _entries(Path(self.path))
-        signals, rates, chains = [], set(), []
+        signals, rates, chains = [], [], []
         digest, used = hashlib.sha256(), 0
         for entry in entries:
             file = Path(self.path).parent / str(entry["path"])
-            recording = corrected(self.read(file))
-            signals.append(recording.select(channels).values.astype(np.float32))
-            rates.add(float(recording.rate))
-            chains.append(declared_chain(recording.metadata.get("chain")))
+            recording = self.read(file)
+            try:
+                signals.append(corrected(recording).select(channels).values.astype(np.float32))
+                chains.append(declared_chain(recording.metadata.get("chain")))
+            except InputError as error:
+                raise InputError(f"{file}: {error}") from error
+            rates.append(recording.rate)
             used += signals[-1].nbytes
             check_memory(used, limit)
             digest.update(signals[-1].tobytes())
-        if len(rates) != 1:
+        rate = float(np.median(rates))
+        if max(abs(one / rate - 1) for one in rates) > SAME_RATE:
             raise InputError(
-                f"{self.path}: recordings at {sorted(rates)} Hz: one common rate is needed; "
-                "set data.source.path"
+                f"{self.path}: recordings at {sorted(set(rates))} Hz: one common rate is needed (within "
+                f"{SAME_RATE:.1%}); set data.source.path"
             )
         other = next((chain for chain in chains if chain != chains[0]), None)
         if other:
@@ -55,11 +59,11 @@ class MeasuredSource(FixedSource):
                 "chain is needed; set data.source.path"
             )
         clearances = np.array([[_number(entry, name, self.path) for name in targets] for entry in entries])
-        digest.update(clearances.tobytes())
         names = [_group(entry, number) for number, entry in enumerate(entries)]
+        digest.update(clearances.tobytes() + repr(names).encode())
         return LabelledRecordings(
             channels=tuple(channels),
-            rate=rates.pop(),
+            rate=rate,
             signals=np.concatenate(signals),
             lengths=np.array([len(s) for s in signals]),
             target=clearances,
@@ -72,8 +76,8 @@ class MeasuredSource(FixedSource):
 
 def _entries(path: Path) -> list[dict[str, Any]]:
     try:
-        text = path.read_text(encoding="utf-8")
-        entries = list(csv.DictReader(text.splitlines())) if path.suffix == ".csv" else yaml.safe_load(text)
+        text = path.read_text(encoding="utf-8-sig")
+        entries = _rows(text) if path.suffix == ".csv" else yaml.safe_load(text)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(
             f"{path}: not a readable list of recordings ({error}); set data.source.path"
@@ -83,6 +87,18 @@ def _entries(path: Path) -> list[dict[str, Any]]:
     ):
         raise InputError(f"{path}: must be a list of entries, each with a path; set data.source.path")
     return entries
+
+
+def _rows(text: str) -> list[dict[str, Any]]:
+    """Rows of a table with commas, semicolons or tabs between its columns."""
+    lines = text.splitlines()
+    header = lines[0] if lines else ""
+    return list(csv.DictReader(lines, delimiter=max(",;\t", key=header.count)))
+
+
+def _float(given: Any) -> float:
+    """A number, which in a table may have a comma as its decimal mark."""
+    return float(given.replace(",", ".") if isinstance(given, str) else given)
 
 
 def _group(entry: dict[str, Any], number: int) -> str:
@@ -95,7 +111,7 @@ def _speed(entry: dict[str, Any], path: str) -> float:
     """Nominal speed [rad/s]; no number where none is given."""
     given = entry.get("speed")
     try:
-        return float("nan") if given in (None, "") else float(given)
+        return float("nan") if given in (None, "") else _float(given)
     except (TypeError, ValueError):
         raise InputError(
             f"{path}: {entry['path']} has speed={given!r}: must be a number [rad/s]; correct the list"
@@ -104,7 +120,7 @@ def _speed(entry: dict[str, Any], path: str) -> float:
 
 def _number(entry: dict[str, Any], key: str, path: str) -> float:
     try:
-        value = float(entry[key])
+        value = _float(entry[key])
     except (KeyError, TypeError, ValueError):
         raise InputError(f"{path}: {entry['path']} has no number {key} [m]; add it to the list") from None
     if not (0 <= value < 1):

@@ -4,6 +4,7 @@ A source fills one array with all its recordings; later steps scale it in place 
 set is in memory once: samples x channels x 4 bytes (1000 runs of 10 000 samples on 4 channels: 160 MB).
 """
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -12,12 +13,17 @@ from typing import Any, Protocol
 import numpy as np
 
 from clearance.errors import InputError
+from clearance.mechanism.parameters import require
 from clearance.provenance import fingerprint
 from clearance.recording.chain import declared_chain
 from clearance.recording.channels import ACCELERATIONS
 from clearance.recording.dataset import LABELS, Dataset
 from clearance.recording.synthesis import Campaign
 from clearance.windows.splitting import RandomSplit, Split
+
+log = logging.getLogger(__name__)
+SAME_RATE = 1e-3
+"""Relative: clocks of real loggers are better than that."""
 
 
 @dataclass
@@ -45,7 +51,13 @@ class LabelledRecordings:
 
 
 class Source(Protocol):
-    """What a data module needs of any source."""
+    """What a data module needs of any source.
+
+    Attributes:
+        reproducible: whether the configuration alone decides the recordings; files may change under it.
+    """
+
+    reproducible: bool
 
     def prepare(self) -> None:
         """Make what is missing; called once, before anything is read."""
@@ -65,7 +77,9 @@ class Source(Protocol):
 
 
 class FixedSource:
-    """A finite set, split at random and never refreshed."""
+    """A finite set, split at random and never refreshed; of files, unless a subclass says otherwise."""
+
+    reproducible = False
 
     def prepare(self) -> None:
         """Nothing to make."""
@@ -87,9 +101,21 @@ class StoredSource(FixedSource):
     start_time: float = 2.0  # [s] samples before it are left out: the start-up transient (paper, Section 4.2)
     runs: int | None = None  # only the first so many
 
+    def __post_init__(self) -> None:
+        require(self, start_time=self.start_time)
+        if self.runs is not None:
+            require(self, 1, whole=True, runs=self.runs)
+
     def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Read every run that is stored and finite."""
-        return read_dataset(Dataset.open(self.path), channels, targets, limit, self.start_time, self.runs)
+        dataset = Dataset.open(self.path)
+        missing = [run for run in dataset.missing() if self.runs is None or run < self.runs]
+        if missing:
+            log.warning(
+                "%s: %d of its %d runs are not simulated yet; with them, it would be another training",
+                self.path, len(missing), dataset.runs,
+            )  # fmt: skip
+        return read_dataset(dataset, channels, targets, limit, self.start_time, self.runs)
 
 
 @dataclass
@@ -99,6 +125,10 @@ class SimulatedSource(FixedSource):
     simulation: Campaign
     folder: str
     start_time: float = 2.0  # [s]
+    reproducible = True
+
+    def __post_init__(self) -> None:
+        require(self, start_time=self.start_time)
 
     def prepare(self) -> None:
         """Simulate what is missing."""
@@ -127,6 +157,10 @@ class StreamingSource:
     simulation: Campaign
     runs: int  # per epoch
     held_out: int  # for validation, and as many for the test
+    reproducible = True
+
+    def __post_init__(self) -> None:
+        require(self, 1, 10_000_000, whole=True, runs=self.runs, held_out=self.held_out)
 
     def prepare(self) -> None:
         """Nothing to make in advance."""
@@ -139,6 +173,11 @@ class StreamingSource:
         check_memory((self.runs + 2 * self.held_out) * samples * len(channels) * 4, limit)
         parts = [self._fresh(*part) for part in ((self.runs, 0), (self.held_out, -1), (self.held_out, -2))]
         self._sizes = [len(signals) for signals, _ in parts]
+        if 0 in self._sizes:
+            raise InputError(
+                f"data=streaming: all of {self.runs} runs to train with, or all of {self.held_out} to "
+                "validate or test with, became non-finite; set integrator.step, or another machine"
+            )
         signals = [signal for part, _ in parts for signal in part]
         labels = np.concatenate([label for _, label in parts])
         return LabelledRecordings(

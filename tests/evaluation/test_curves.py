@@ -8,7 +8,8 @@ from clearance.errors import InputError
 from clearance.evaluation import curves
 from clearance.evaluation.paper.results import write_results
 from clearance.evaluation.paper.trainings import recorded_trainings
-from clearance.evaluation.results import with_recorded
+from clearance.evaluation.results import markdown, with_recorded
+from tests.command_line import ROOT
 
 
 def row(experiment, recordings, nmae, window=200, name="tcn on rod, joint C", epochs=30):
@@ -63,6 +64,23 @@ def test_rows_of_other_machines_stay_and_a_training_repeated_here_counts(tmp_pat
     assert again[0] in merged
     assert ROWS[1] not in merged
     assert [one["experiment"] for one in merged] == sorted(one["experiment"] for one in ROWS)
+
+
+def test_a_training_with_another_override_does_not_replace_one_without(tmp_path):
+    record = tmp_path / "trainings.json"
+    record.write_text(json.dumps(ROWS))
+    own = row("quick", 300, 0.6) | {"overrides": ["contact=flores"]}
+    merged = with_recorded([own], record)
+    assert len(merged) == len(ROWS) + 1
+    assert curves.by_runs(merged) == curves.by_runs(ROWS)
+    assert "| quick | tcn on rod, joint C, contact=flores | 300 |" in markdown([own | {"fresh": []}])
+    record.write_text(json.dumps(merged))
+    assert len(with_recorded([row("quick", 300, 0.5) | {"overrides": []}], record)) == len(merged)
+
+
+def test_the_committed_record_is_made_anew_from_its_own_rows():
+    record = ROOT / "docs/results/trainings.json"
+    assert with_recorded([], record) == json.loads(record.read_text())
 
 
 def test_trainings_that_differ_in_what_a_row_does_not_tell_are_both_reported(tmp_path):

@@ -5,11 +5,14 @@ import pytest
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 
+from clearance import evaluate
 from clearance.configuration import CONFIGURATION
 from clearance.errors import InputError
-from clearance.evaluation.paper.perturbation import NewRuns, NoisyTest, TrainingData
+from clearance.evaluation.paper.perturbation import NewRuns, NoisyTest, TrainingData, asked
+from clearance.evaluation.paper.trainings import Setting, Training
 from clearance.mechanism.contact import HuntCrossley, LankaraniNikravesh
 from clearance.windows.splitting import RandomSplit
+from tests.study_folder import finish
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +73,20 @@ def test_a_training_on_other_data_is_refused(tmp_path):
     (tmp_path / "config.yaml").write_text("targets: [clearance_c]\n")
     with pytest.raises(InputError, match=r"data=simulated.*set perturbed=0"):
         TrainingData.of(tmp_path)
+
+
+def test_what_was_measured_of_other_perturbations_is_measured_again(tmp_path, perturbations, monkeypatch):
+    finish(tmp_path, Training(Setting("lstm"), 98, 42), 0.5)
+    (config,) = tmp_path.rglob("config.yaml")
+    (config.parent / "model.safetensors").touch()
+    measured = []
+    monkeypatch.setattr(evaluate, "load_gauge", measured.append)
+
+    def answer(gauge, data, perturbations, count, metrics):
+        return {"asked": asked(perturbations, count), "perturbations": {}}
+
+    monkeypatch.setattr(evaluate, "evaluate_perturbed", answer)
+    louder = {**perturbations, "noise": NoisyTest(0.5)}
+    for which, count in ((perturbations, 6), (perturbations, 6), (louder, 6), (louder, 6), (louder, 7)):
+        evaluate.measure_perturbed(tmp_path, which, count)
+    assert len(measured) == 3

@@ -48,4 +48,9 @@ def make_data(chirps):
 
 @pytest.fixture
 def open_run(tmp_path):
-    return lambda name="run", seed=42: RunFolder.open(tmp_path / name, {"name": name}, seed)
+    def begun(name="run", seed=42):
+        run = RunFolder.open(tmp_path / name, {"seed": seed}, seed)
+        run.begin("chirps")
+        return run
+
+    return begun

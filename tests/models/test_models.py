@@ -84,26 +84,38 @@ def test_a_foreign_file_is_refused(model, tmp_path):
 @pytest.mark.parametrize("model", ["lstm", "tcn"])
 def test_a_killed_training_goes_on_to_the_same_weights(model, make_data, open_run):
     whole = configured(model, "trainer.epochs=4")
-    data = make_data()
-    whole.fit(data, open_run("whole"))
-
-    interrupted = make_data()
-    plain = interrupted.train_dataloader
-
-    def killed():
-        if interrupted.trainer.current_epoch == 2:
-            raise Killed
-        return plain()
-
-    interrupted.train_dataloader = killed
-    run = open_run("killed")
-    with pytest.raises(Killed):
-        configured(model, "trainer.epochs=4").fit(interrupted, run)
+    whole.fit(make_data(), open_run("whole"))
+    run = killed_at(2, configured(model, "trainer.epochs=4"), make_data(), open_run("killed"))
     assert (run.checkpoints / "last.ckpt").exists()
     resumed = configured(model, "trainer.epochs=4")
     resumed.fit(make_data(), run)
     for name, weight in whole.net.state_dict().items():
         assert torch.equal(weight, resumed.net.state_dict()[name]), name
+
+
+def test_a_killed_training_whose_folder_is_moved_knows_its_best_weights(make_data, open_run):
+    still = ("trainer.epochs=3", "trainer.monitor=val/loss", "trainer.optimizer.lr=0")
+    killed = killed_at(2, configured("lstm", *still), make_data(), open_run("killed"))
+    killed.path.rename(killed.path.with_name("moved"))
+    moved = open_run("moved")
+    configured("lstm", *still).fit(make_data(), moved)
+    epochs = [torch.load(moved.checkpoints / f"{name}.ckpt")["epoch"] for name in ("best", "last")]
+    assert epochs == [0, 2]  # no later epoch was better than the first
+
+
+def killed_at(epoch, estimator, data, run):
+    """The folder of a training that did not come to the end of an epoch."""
+    plain = data.train_dataloader
+
+    def killed():
+        if data.trainer.current_epoch == epoch:
+            raise Killed
+        return plain()
+
+    data.train_dataloader = killed
+    with pytest.raises(Killed):
+        estimator.fit(data, run)
+    return run
 
 
 def test_a_training_begins_with_the_weights_of_another(make_data, open_run, tmp_path):
@@ -143,6 +155,11 @@ def test_training_stops_when_validation_does_not_improve(make_data, open_run):
 def test_fold_must_divide_the_window():
     with pytest.raises(InputError, match=r"model\.net\.fold=7"):
         configured("lstm", "model.net.fold=7")._build(2, 60, 1)
+
+
+def test_the_width_of_a_block_is_odd():
+    with pytest.raises(InputError, match=r"model\.net\.width=4: must be odd"):
+        configured("tcn", "model.net.width=4")._build(2, 60, 1)
 
 
 def test_folding_keeps_every_sample():

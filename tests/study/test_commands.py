@@ -1,11 +1,15 @@
 """``clearance.study`` and the report of ``clearance.evaluate`` as a user runs them."""
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 
+from clearance.evaluation.paper.results import RECORD
 from clearance.evaluation.paper.trainings import Setting, Training
-from tests.command_line import call, launch
+from clearance.study.__main__ import _recorded
+from tests.command_line import ROOT, call, launch
 from tests.study_folder import finish
 
 
@@ -28,6 +32,8 @@ def test_evaluate_writes_the_report(tmp_path, monkeypatch, capfd):
             ("runs=outptus", "report=R.md"),
             "runs = outptus: there is no such folder, and no record",
         ),
+        ("evaluate", ("readme=R.md",), "readme=R.md: made only together with the results; set results"),
+        ("evaluate", ("picture=run",), "picture=run: made only together with the results; set results"),
         ("study.__main__", ("budget=soon",), "budget = 'soon' is no duration such as 90s, 30m, 2h or 1d"),
         ("study.__main__", ("scale=tiny",), "scale/tiny"),
     ],
@@ -40,14 +46,39 @@ def test_a_wrong_input_is_one_line(tmp_path, monkeypatch, capfd, name, wrong, wo
     assert not (tmp_path / "R.md").exists()
 
 
-def test_a_record_of_another_scale_ends_a_study_before_it_begins(tmp_path, monkeypatch, capfd):
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        ("scale=smoke", r"scale=smoke would train \(campaign.duration, "),
+        (
+            "arguments=['contact=flores']",
+            r"scale=reduced contact=flores would train \(contact._target_\); set folder, pictures and report",
+        ),
+        ("arguments=['data.batch_size=32']", r"\(data.batch_size\)"),
+        ("arguments=['campaign.seed=3']", r"\(campaign.seed\)"),
+    ],
+)
+@pytest.mark.parametrize("place", ["record", "folder"])
+def test_other_trainings_than_those_to_come_end_a_study_before_it_begins(
+    tmp_path, monkeypatch, capfd, place, other, words
+):
     finish(tmp_path / "runs", Training(Setting("lstm"), 98, 42), 0.5, "scale=reduced")
     monkeypatch.chdir(tmp_path)
     where = ("report=out/RESULTS.md", "pictures=out/pictures")
-    assert call(monkeypatch, capfd, "evaluate", "runs=runs", *where, "experiment=table7") == (0, "")
-    code, error = call(monkeypatch, capfd, "study.__main__", "scale=smoke", "folder=other", *where)
+    if place == "record":
+        assert call(monkeypatch, capfd, "evaluate", "runs=runs", *where, "experiment=table7") == (0, "")
+    folder = "runs" if place == "folder" else "elsewhere"
+    monkeypatch.setattr("clearance.study.__main__.Runner", None)  # it would train for hours
+    code, error = call(monkeypatch, capfd, "study.__main__", f"folder={folder}", *where, other)
     assert (code, error.count("\n")) == (2, 1)
-    assert "study.json there holds trainings of another scale than smoke" in error
+    assert re.search(words, error), error
+
+
+@pytest.mark.parametrize("scale", ["reduced", "short"])
+def test_the_committed_record_is_of_the_study_as_it_is(scale):
+    record = ROOT / "docs/results/study" / scale / RECORD
+    arguments = (f"scale={scale}", "trainer.threads=1", "trainer.accelerator=cpu")
+    assert len(_recorded(Path("none"), record, arguments)) == len(json.loads(record.read_text()))
 
 
 @pytest.mark.slow

@@ -12,7 +12,8 @@ from clearance.commands import CONFIGURATION
 from clearance.errors import InputError
 from clearance.recording.files import write
 from clearance.recording.recording import Recording
-from tests.command_line import SMALL, call
+from clearance.recording.synthesis import Campaign
+from tests.command_line import SMALL, TREES, call
 
 RUNS = 6
 
@@ -81,6 +82,39 @@ def test_recordings_of_a_group_stay_together_whatever_it_is_called(measured, gro
             assert (found[i] == found[j]) == (i == j or (one == other != "")), (i, j)
 
 
+def test_a_list_may_come_from_a_spreadsheet(measured):
+    table = measured.with_name("spreadsheet.csv")
+    table.write_text(
+        "\ufeff" + measured.read_text().replace(",", ";").replace(".", ",").replace(",parquet", ".parquet")
+    )
+    one, other = (
+        loaded("data=measured", f"data.source.path={path}").recordings for path in (measured, table)
+    )
+    np.testing.assert_array_equal(one.target, other.target)
+    np.testing.assert_array_equal(one.speed, other.speed)
+
+
+def test_rates_of_real_clocks_are_one_rate_and_others_are_not(measured, campaign):
+    recording = campaign.recording(0)
+    for name, rate in (("slow", 0.9995e4), ("other", 1.002e4)):
+        write(Recording(recording.values, recording.channels, rate, 0.1), measured.parent / f"{name}.parquet")
+    for name in ("slow", "other"):
+        measured.with_name(f"{name}.csv").write_text(f"{measured.read_text()}\n{name}.parquet,0,1e-4,60,\n")
+    assert (
+        loaded("data=measured", f"data.source.path={measured.with_name('slow.csv')}").recordings.rate == 1e4
+    )
+    with pytest.raises(InputError, match=r"other.csv: recordings at \[10000.0, 10020.0\] Hz: .*within 0.1%"):
+        loaded("data=measured", f"data.source.path={measured.with_name('other.csv')}")
+
+
+def test_what_is_wrong_with_a_recording_of_a_list_names_its_file(measured, campaign):
+    write(campaign.recording(0).select(("slider_horizontal",)), measured.parent / "slider.parquet")
+    wrong = measured.with_name("slider.csv")
+    wrong.write_text(measured.read_text() + "\nslider.parquet,0,1e-4,60,\n")
+    with pytest.raises(InputError, match=r"slider.parquet: the recording has no channel"):
+        loaded("data=measured", f"data.source.path={wrong}")
+
+
 def test_a_speed_that_is_no_number_is_named(measured):
     wrong = measured.with_name("speeds.csv")
     wrong.write_text("path,clearance_c,speed\n0.parquet,1e-4,600 rpm\n")
@@ -94,7 +128,7 @@ def test_only_clearances_of_the_joints_are_estimated():
 
 
 def test_streamed_training_runs_change_every_epoch_and_others_do_not(campaign):
-    data = loaded("data=streaming", "data.source.runs=4", "data.source.held_out=3")
+    data = loaded("data=streaming", "runs=4", "data.source.held_out=3")
     first = {name: getattr(data, f"{name}_windows")() for name in ("training", "validation", "test")}
     signals, targets = first["training"].signals.clone(), first["training"].target.clone()
     later = data.training_windows(epoch=1)
@@ -105,16 +139,22 @@ def test_streamed_training_runs_change_every_epoch_and_others_do_not(campaign):
     np.testing.assert_array_equal(data.validation_windows().target, first["validation"].target)
 
 
+def test_streamed_runs_that_all_fail_are_one_line(monkeypatch):
+    monkeypatch.setattr(Campaign, "fresh", lambda self, runs, epoch: ([], np.empty((0, 3))))
+    with pytest.raises(InputError, match=r"data=streaming: all of 6 runs .* became non-finite"):
+        loaded("data=streaming")
+
+
 @pytest.mark.parametrize("kind", ["stored", "measured", "streaming", "simulated"])
 def test_every_source_trains_to_the_end(kind, stored, measured, tmp_path, monkeypatch, capfd):
     source = {
         "stored": [f"data.source.path={stored.path}"],
         "measured": [f"data.source.path={measured}"],
-        "streaming": ["data.source.runs=4", "data.source.held_out=3"],
-        "simulated": [],
+        "streaming": ["runs=4", "data.source.held_out=3"],
+        "simulated": [f"runs={RUNS}"],
     }[kind]
     monkeypatch.chdir(tmp_path)
-    overrides = (*SMALL, f"runs={RUNS}", f"data={kind}", *source, "hydra.run.dir=run")
+    overrides = (*SMALL, f"data={kind}", *source, "hydra.run.dir=run")
     code, error = call(monkeypatch, capfd, "train", *overrides)
     assert code == 0, error
     metrics = json.loads((tmp_path / "run/metrics.json").read_text())
@@ -136,8 +176,45 @@ def test_a_list_of_files_from_different_chains_is_refused(measured, campaign):
 
 def test_a_gauge_remembers_the_chain_of_its_training():
     assert (
-        loaded(
-            "chain.cutoff=0.7", "data=streaming", "data.source.runs=3", "data.source.held_out=1"
-        ).recordings.chain["cutoff"]
+        loaded("chain.cutoff=0.7", "data=streaming", "runs=3", "data.source.held_out=1").recordings.chain[
+            "cutoff"
+        ]
         == 0.7
     )
+
+
+@pytest.mark.parametrize("end", ["finished", "killed"])
+def test_files_that_have_changed_are_another_training(measured, tmp_path, monkeypatch, capfd, end):
+    monkeypatch.chdir(tmp_path)
+    own = measured.with_name(f"{end}.csv")
+    own.write_text(measured.read_text())
+    train = ("train", *TREES, "hydra.run.dir=run", "data=measured", f"data.source.path={own}")
+    assert call(monkeypatch, capfd, *train) == (0, "")
+    weights = (tmp_path / "run/model.ubj").stat().st_mtime_ns
+    if end == "killed":
+        (tmp_path / "run/metrics.json").unlink()
+    assert call(monkeypatch, capfd, *train) == (0, "")
+    assert (weights == (tmp_path / "run/model.ubj").stat().st_mtime_ns) == (end == "finished")
+    own.write_text(measured.read_text().rsplit("\n", 1)[0])
+    if end == "killed":
+        (tmp_path / "run/metrics.json").unlink()
+    code, error = call(monkeypatch, capfd, *train)
+    assert (code, error.count("\n")) == (2, 1)
+    assert "run: its recordings have changed; resume=false trains again" in error
+    assert (tmp_path / "run/model.ubj").exists()
+    assert call(monkeypatch, capfd, *train, "resume=false") == (0, "")
+    assert call(monkeypatch, capfd, *train) == (0, "")
+
+
+def test_runs_that_are_still_missing_are_told(campaign, tmp_path, monkeypatch):
+    told = []
+    monkeypatch.setattr(
+        "clearance.windows.sources.log.warning", lambda text, *words: told.append(text % words)
+    )
+    store = campaign.generate(tmp_path / "data")
+    loaded("data=stored", f"data.source.path={store.path}")
+    assert told == []
+    store._chunk(2).unlink()
+    loaded("data=stored", f"data.source.path={store.path}")
+    assert len(told) == 1
+    assert "data: 1 of its 6 runs are not simulated yet" in told[0]

@@ -16,6 +16,7 @@ from clearance.mechanism.parameters import require, require_list
 from clearance.models.gauge import Gauge, estimate_windows
 from clearance.models.run_folder import CONFIG
 from clearance.models.trusted import instantiate_trusted
+from clearance.provenance import fingerprint
 from clearance.recording.synthesis import Campaign
 from clearance.whole_files import read_yaml
 from clearance.windows.sources import LabelledRecordings, SimulatedSource
@@ -180,10 +181,15 @@ def evaluate_perturbed(
     count: int,
     metrics: MetricCollection,
 ) -> dict[str, Any]:
-    """Errors by perturbation, as plain numbers."""
+    """Errors by perturbation, as plain numbers, and by which perturbations."""
     found: dict[str, dict[str, float]] = {}
     for name, perturbation in perturbations.items():
         fresh = metrics.clone()
         fresh.update(*map(torch.from_numpy, estimate(gauge, perturbation.recordings(data, count))))
         found[name] = {key: float(value) for key, value in fresh.compute().items()}
-    return {"recordings": count, "perturbations": found}
+    return {"recordings": count, "asked": asked(perturbations, count), "perturbations": found}
+
+
+def asked(perturbations: Mapping[str, Perturbation], count: int) -> str:
+    """Changes with the perturbations and the number of new recordings of each."""
+    return fingerprint([perturbations, count])

@@ -4,6 +4,7 @@ A finished training is found by its folder, or by its row in the record of all t
 folders with weights may stay on the machine that trained them, the record goes with the project.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -19,13 +20,15 @@ from omegaconf import DictConfig, OmegaConf
 from clearance.configuration import CONFIGURATION
 from clearance.errors import InputError
 from clearance.evaluation.paper.perturbation import PERTURBED
-from clearance.models.run_folder import CONFIG, METRICS
+from clearance.models.run_folder import CONFIG, HARDWARE, METRICS
 from clearance.whole_files import read_json, read_yaml
 
 _SWEPT = ("model", "sensors", "joint", "chain.decimation")  # what the rows of the paper's tables differ in
-# What tells one scale from another; the rest of a configuration follows from it or is told by the row.
-_SCALE = ("runs", "start_time", "campaign.duration", "windows", "trainer", "model")
-_NOT_SCALE = ("model.training", "model.metrics", "trainer.threads", "trainer.progress", "trainer.accelerator")
+_INCIDENTAL = (
+    "name", "folder", "experiment", "overrides", "resume", "seed", "seeds", "split_seed", *HARDWARE,
+)  # fmt: skip
+"""Keys in which trainings of one study may differ."""
+_REFERENCE = re.compile(r"\$\{([\w.]+)\}")
 
 
 class Setting(NamedTuple):
@@ -196,6 +199,7 @@ def known_trainings(folder: Path, record: Path) -> list[Finished]:
     return list(found.values())
 
 
+@cache
 def reduction(setting: Setting, *overrides: str) -> dict[str, tuple[str, str]]:
     """What would not be the paper's of a training with these overrides: key to value and the paper's."""
     return _reduced(_resolved("experiment=paper", *setting.overrides, *overrides), setting)
@@ -228,8 +232,8 @@ def _identify(config: Mapping[str, Any], folder: Path) -> Training:
 
 
 @cache
-def _paper_scale(setting: Setting) -> dict[str, Any]:
-    return _scale(_resolved("experiment=paper", *setting.overrides))
+def _papers(setting: Setting) -> dict[str, Any]:
+    return _compared(_resolved("experiment=paper", *setting.overrides))
 
 
 def _resolved(*overrides: str) -> Any:
@@ -240,7 +244,7 @@ def _resolved(*overrides: str) -> Any:
 
 
 def _reduced(config: Mapping[str, Any], setting: Setting) -> dict[str, tuple[str, str]]:
-    paper, own = _paper_scale(setting), _scale(config)
+    paper, own = _papers(setting), _compared(config)
     return {
         key: (_short(own.get(key)), _short(paper.get(key)))
         for key in sorted({*paper, *own})
@@ -248,12 +252,29 @@ def _reduced(config: Mapping[str, Any], setting: Setting) -> dict[str, tuple[str
     }
 
 
-def _scale(config: Mapping[str, Any]) -> dict[str, Any]:
+def _compared(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Every key that may tell two trainings apart, once."""
     flat = dict(_flattened(config, ""))
     return {
         key: value for key, value in flat.items()
-        if _below(key, _SCALE) and not _below(key, _NOT_SCALE)
+        if not _below(key, _INCIDENTAL) and not _repeats(key, flat)
     }  # fmt: skip
+
+
+def _repeats(key: str, flat: Mapping[str, Any]) -> bool:
+    """Whether a key only says what another one does."""
+    return any(
+        _below(key, [place]) and flat[key] == flat.get(source + key.removeprefix(place))
+        for place, source in _references().items()
+    )
+
+
+@cache
+def _references() -> dict[str, str]:
+    """Keys that follow others unless they are set themselves, to those."""
+    raw = OmegaConf.to_container(_composed("experiment=paper"), resolve=False)
+    found = {key: _REFERENCE.fullmatch(str(value)) for key, value in _flattened(raw, "")}
+    return {key: match[1] for key, match in found.items() if match}
 
 
 def _flattened(node: Any, path: str) -> list[tuple[str, Any]]:

@@ -1,0 +1,76 @@
+"""Folders in which a training is already: kept, gone on with, or replaced when that is asked for."""
+
+import shutil
+
+import pytest
+
+from tests.command_line import TREES, call
+
+
+def test_train_does_not_replace_another_training_unasked(refused, trained, tmp_path):
+    shutil.copytree(trained / "run", tmp_path / "run")
+    before = {path: path.read_bytes() for path in (tmp_path / "run").glob("*.json")}
+    refused(
+        "train",
+        r"run holds a training with other settings \(.*seed.*\): choose.*resume=false",
+        *TREES,
+        "seed=5",
+    )
+    assert before == {path: path.read_bytes() for path in before}
+
+
+def test_training_anew_once_does_not_spoil_later_plain_runs(trained, tmp_path, monkeypatch, capfd):
+    shutil.copytree(trained, tmp_path / "home")
+    monkeypatch.chdir(tmp_path / "home")
+    metrics = tmp_path / "home/run/metrics.json"
+    begin = metrics.stat().st_mtime_ns
+    measured = metrics.with_name("fresh.json")
+    measured.write_text("[]")
+    assert call(monkeypatch, capfd, "train", *TREES, "hydra.run.dir=run", "resume=false")[0] == 0
+    anew = metrics.stat().st_mtime_ns
+    assert anew > begin
+    assert not measured.exists()  # it was of other weights
+    assert call(monkeypatch, capfd, "train", *TREES, "hydra.run.dir=run", "trainer.progress=false")[0] == 0
+    assert metrics.stat().st_mtime_ns == anew
+
+
+def test_training_anew_on_data_that_are_not_there_keeps_the_finished_model(refused, trained, tmp_path):
+    shutil.copytree(trained / "run", tmp_path / "run")
+    refused(
+        "train", "nothing is not there", *TREES, "resume=false", "data=stored", "data.source.path=nothing"
+    )
+    assert {"metrics.json", "model.ubj"} <= {path.name for path in (tmp_path / "run").iterdir()}
+
+
+def test_a_job_that_slurm_queued_again_does_not_begin_anew_twice(trained, tmp_path, monkeypatch, capfd):
+    shutil.copytree(trained, tmp_path / "home")
+    monkeypatch.chdir(tmp_path / "home")
+    metrics = tmp_path / "home/run/metrics.json"
+    anew = (*TREES, "hydra.run.dir=run", "resume=false")
+    times = [metrics.stat().st_mtime_ns]
+    for job, restarts in (("7", "0"), ("7", "1"), ("8", "1")):
+        monkeypatch.setenv("SLURM_JOB_ID", job)
+        monkeypatch.setenv("SLURM_RESTART_COUNT", restarts)
+        assert call(monkeypatch, capfd, "train", *anew)[0] == 0
+        times.append(metrics.stat().st_mtime_ns)
+    assert times[0] < times[1] == times[2] < times[3]
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        ("split_seed=7", "split_seed"),
+        ("runs=25", "runs"),
+        ("data.split.train=0.6", "data.split.train"),
+        (("runs=25", "campaign.duration=0.8"), "runs"),  # the same machines, recorded for longer
+    ],
+)
+def test_weights_that_have_seen_what_they_would_be_tested_on_are_refused(refused, trained, other, words):
+    words = rf"has seen recordings that this training would be tested on \({words} differ\)"
+    other = (other,) if isinstance(other, str) else other
+    refused("train", words, *TREES, f"begin='{trained}/run'", *other)
+
+
+def test_weights_that_have_seen_other_machines_are_not(refused, trained):
+    apart = (f"begin='{trained}/run'", "runs=25", "data_seed=8")
+    refused("train", "trees do not go on from others", *TREES, *apart)
