@@ -115,6 +115,9 @@ def suggest_forces(
             rhythms = balance.rhythms(max(_CLOCKED * before, _CLEARER * least))
             found += rhythms
             own = min([_OWN * least, *(pair.cost for pair in pairs)])
+    elif blind and not (named or search.late()):  # but what comes again by its own clock stands out of noise
+        found += balance.rhythms(_CLEARER * min([before, *(one.cost for one in singles)]))
+        own = np.inf
     found.sort(key=lambda one: (one.rhythm is None or one.cost > own, one.price))
     for one in found[:_SHOWN]:
         shown = ", ".join(f"{value:.3g}" for value in one.values)

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import LOOSENESS, Attempt, explained
+from clearance.diagnosis.following.attempt import EXPLAINED, LOOSENESS, Attempt, explained, refine
 from clearance.diagnosis.following.growth import Start
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.searching.beside import HALFWAY, beside
@@ -57,6 +57,8 @@ def fit_everywhere(
     values has been seen, so that each recording may be the one from which the others learn, ``insist`` times.
     A wrong size may lead the clearance astray: the next look begins again at ``clearance`` [m], with which
     the motion agrees beside such values, or at that of the nominal motion where no hypothesis misleads it.
+    Where one recording is followed, or nearly, and another is not, all are looked at again with what the one
+    tells alone.
     """
     model, drive = search.setting.model(held), held[-1].name == DRIVE
     misled = any(misleads(hypothesis) for hypothesis in held)
@@ -80,12 +82,28 @@ def fit_everywhere(
             break
         little = best is not None and found.misfit > _LESS * best.misfit
         best, row = found, found.fit.values[surest].copy()
+        told = _told(search, best, base)
+        if told is not None:  # the others were sought with what these have told better since
+            row = told
+            continue
         known = row[0] if misled else search.profile.best
         known = known if clearance is None else clearance
         row[0] = known if astray(row[0], known) else row[0]
         if explained(best) or little or best.misfit > HALFWAY * base.misfit:
             break
     return best
+
+
+def _told(search: Search, found: Attempt, base: Attempt) -> np.ndarray | None:
+    """(unknowns,) what recordings tell that are followed, or nearly, if others are not."""
+    limits = [max(EXPLAINED, HALFWAY * misfit) for misfit in base.misfits]
+    near = [r for r, misfit in enumerate(found.misfits) if misfit < limits[r]]
+    if not 0 < len(near) < len(limits):
+        return None
+    followers, rows = [found.followers[r] for r in near], found.fit.values[near]
+    alone = refine(found.hypotheses, found.model, followers, rows, found.scale, 8, search.workers)
+    row: np.ndarray = alone.fit.values[0].copy()
+    return row
 
 
 def start_with(search: Search, hypothesis: Hypothesis, model: Model, row: np.ndarray, r: int) -> Start:

@@ -174,6 +174,18 @@ def test_a_force_by_a_clock_of_its_own_is_a_table_over_time_that_repeats():
     assert first.measured.period == best.rhythm.period
 
 
+def test_what_comes_again_by_its_own_clock_is_seen_where_the_scatter_hides_all_else(monkeypatch):
+    """A force that changes as fast as impacts are strong is scatter, too, unless its period is asked for."""
+    wave = tuple(np.random.default_rng(63).normal(0.0, 14.0, 24))
+    law = TabulatedForce("slider", "x", "time", 0.0, None, wave, "cubic", period=0.037)
+    search = traced(replace(NOMINAL, force=law))
+    monkeypatch.setattr("clearance.diagnosis.searching.balance._BALANCED", np.inf)
+    monkeypatch.setattr("clearance.diagnosis.searching.balance._FAINT", 0.0)
+    found = suggested(search)
+    assert found.forces[0].rhythm.period == pytest.approx(0.037, rel=0.01)
+    assert (found.blind, found.balanced) == (False, False)
+
+
 @pytest.mark.parametrize("clock", [0.0, 0.013])
 def test_a_stretch_is_followed_by_its_recordings_clock_for_a_period_at_least(clock):
     search = traced(NOMINAL)

@@ -19,7 +19,7 @@ TRUTH = ConstantProcess(4.0, 0.086, 0.146)
 @pytest.mark.parametrize(
     ("places", "closer", "left", "near"),
     [
-        (5, (4.0, 16.0), EXPLAINED, 1e-3),
+        (7, (4.0, 16.0), EXPLAINED, 1e-3),
         pytest.param(edges._PLACES, edges._CLOSER, ROOM, 5e-5, marks=pytest.mark.slow),
     ],
     ids=["few places", "all"],

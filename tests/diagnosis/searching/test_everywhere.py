@@ -42,3 +42,45 @@ def test_a_clearance_that_was_led_astray_is_begun_again_where_the_motion_agrees(
     found = fit_everywhere(search, held, row, 0, attempt([], 122.0), anew=True, clearance=clearance)
     assert begun == pytest.approx([5e-4, expected])
     assert found.misfit == 1.0
+
+
+@pytest.mark.parametrize(
+    ("each", "expected"),
+    [
+        ([1.0, 90.0], [3e-4, 3.1e-4]),  # one is followed, and tells more alone
+        ([20.0, 90.0], [3e-4, 3.1e-4]),  # or nearly
+        ([60.0, 90.0], [3e-4]),  # neither is
+        ([1.0, 1.1], [3e-4]),
+    ],
+)
+def test_a_recording_that_is_lost_is_looked_for_again_with_what_another_one_tells_alone(
+    monkeypatch, each, expected
+):
+    begun, found = (
+        [],
+        [
+            attempt(["worn_bearing"], float(np.mean(each)), each=each),
+            attempt(["worn_bearing"], 1.0, each=[1.0, 1.0]),
+        ],
+    )
+    for one, clearance in zip(found, (2.8e-4, 3.1e-4), strict=True):
+        one.fit.values = np.array([[clearance, 8e-5, 700.0]] * 2)
+
+    def grown(held, values, starts, base, insist):
+        begun.append(values[0, 0])
+        return found[len(begun) - 1]
+
+    def refine(hypotheses, model, followers, rows, *_):
+        assert [f.measured.name for f in followers] == ["0.csv"]
+        return SimpleNamespace(fit=SimpleNamespace(values=np.array([[3.1e-4, 8.3e-5, 700.0]])))
+
+    start = SimpleNamespace(trace=SimpleNamespace(speed=700.0), doubt=1.0)
+    monkeypatch.setattr(everywhere, "start_anew", lambda *_: start)
+    monkeypatch.setattr(everywhere, "refine", refine)
+    search = SimpleNamespace(
+        setting=SimpleNamespace(model=lambda held: None), workers=1, starts=[start] * 2, grown=grown,
+        profile=SimpleNamespace(best=3e-4),
+    )  # fmt: skip
+    held, base = attempt(["worn_bearing"], 1.0).hypotheses, attempt([], 100.0, each=[100.0, 100.0])
+    fit_everywhere(search, held, np.array([3e-4, 6e-5, 700.0]), 0, base, anew=True)
+    assert begun == pytest.approx(expected)

@@ -17,8 +17,10 @@ from clearance.diagnosis.searching.from_motion import (
     begin_dimensions,
     begin_displaced,
     begin_pairs,
+    begin_wear,
 )
 from clearance.diagnosis.searching.geometry import Dimension
+from clearance.diagnosis.searching.wear import Wear
 from clearance.diagnosis.searching.work import Balanced
 from tests.diagnosis.judging.test_verdict import attempt
 
@@ -303,3 +305,45 @@ def test_of_two_that_follow_nearly_each_is_tried_in_its_other_variants(monkeypat
     labels = ["soft_drive(gain)", "guide_friction(viscous)"]
     assert asked == [(labels, [[3e-4, 1.1, 5.0, 535.0], [3e-4, 1.1, 5.0, 920.0]])]
     assert explanation.best is explanation.attempts[-1]  # which explains: no other two are tried
+
+
+@pytest.mark.parametrize(
+    ("follows", "expected"), [(None, [2.6e-4, 2.444e-4, 2.288e-4]), (1, [2.6e-4, 2.444e-4])]
+)
+def test_a_dimension_is_tried_with_less_clearance_where_it_is_not_followed(monkeypatch, follows, expected):
+    def fit(search, explanation, base, hypotheses, values, clearance, anew):
+        tried.append(clearance)
+        return attempt(["slider_offset"], 1.0) if len(tried) - 1 == follows else None
+
+    tried = []
+    offset = SimpleNamespace(
+        name="slider_offset",
+        label="slider_offset",
+        fault=None,
+        unknowns=(None,),
+        apply=lambda machine, _: machine,
+    )
+    monkeypatch.setattr(from_motion, "suggest_forces", lambda *_, named: None)
+    monkeypatch.setattr(from_motion, "fit_from", fit)
+    search = SimpleNamespace(setting=Setting("machine", "B"), late=lambda: False)
+    begin_displaced(search, Explanation(attempt([], 1000.0)), [Dimension(offset, 2e-3, 2.6e-4, 0.2)], 2)
+    assert tried == pytest.approx(expected)
+
+
+def test_lobes_are_tried_larger_than_the_motion_shows_them(monkeypatch):
+    def fit(search, explanation, base, hypotheses, values, clearance, anew):
+        tried.append([*values, clearance])
+        if len(tried) == 3:
+            explanation.attempts.append(attempt(["worn_bearing"], 1.0))
+
+    tried, explanation = [], Explanation(attempt([], 1000.0))
+    wear = Wear(SimpleNamespace(label="worn_bearing"), np.array([4e-5, 3.0, -1.9]), 5e-4, 0.9)
+    monkeypatch.setattr(from_motion, "suggest_wear", lambda *_: wear)
+    monkeypatch.setattr(from_motion, "fit_from", fit)
+    search = SimpleNamespace(report=lambda _: None, late=lambda: False)
+    begin_wear(search, explanation, explanation.nominal)
+    assert [one[1:3] for one in tried] == [[3.0, -1.9]] * 3
+    # the gap that is seen is that beside the lobes
+    assert [one[3] - one[0] for one in tried] == pytest.approx([4.6e-4] * 3)
+    assert tried[0][0] == pytest.approx(4e-5)
+    assert tried[0][0] < tried[1][0] < tried[2][0]
