@@ -147,9 +147,8 @@ def _failing_alone(cfg: DictConfig) -> Iterator[None]:
 
 def _interrupted(cfg: DictConfig | None) -> NoReturn:
     anew = cfg is not None and cfg.get("resume") is False
-    sys.stderr.write(
-        f"interrupted; the same command {'with resume=true ' if anew else ''}goes on from here\n"
-    )
+    how = ", with resume=true once it has begun to train," if anew else ""
+    sys.stderr.write(f"interrupted; the same command{how} goes on from here\n")
     raise SystemExit(130) from None
 
 

@@ -56,10 +56,16 @@ def main(cfg: DictConfig) -> float | None:
     runs = [open_run(one) for one in each]
     finished = all(run.finished for run in runs)
     if not (finished and data.source.reproducible):
-        data.prepare_data()
-        data.setup()
-        for run in runs:
-            run.begin(data.recordings.fingerprint)
+        try:
+            data.prepare_data()
+            data.setup()
+        except InputError as error:
+            if not finished:
+                raise
+            log.warning("its recordings cannot be read, so that nobody knows whether they changed: %s", error)
+        else:
+            for run in runs:
+                run.begin(data.recordings.fingerprint)
     if finished:
         for run in runs:
             log.info("%s is finished: resume=false trains again", run.path)

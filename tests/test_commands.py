@@ -215,7 +215,10 @@ def test_a_folder_named_by_overrides_needs_no_quotes():
 def test_an_interrupted_training_anew_does_not_promise_that_the_same_command_goes_on(capsys):
     with pytest.raises(SystemExit), _reported(OmegaConf.create({"resume": False})):
         raise KeyboardInterrupt
-    assert "the same command with resume=true goes on from here" in capsys.readouterr().err
+    assert (
+        "the same command, with resume=true once it has begun to train, goes on from here"
+        in capsys.readouterr().err
+    )
 
 
 def test_an_error_that_ctrl_c_caused_is_reported_as_an_interruption(capsys):

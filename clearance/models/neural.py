@@ -82,6 +82,11 @@ class Patience(EarlyStopping):
 class Checkpoints(ModelCheckpoint):
     """Checkpoints that may be moved with their folder; Lightning's then forgets which was the best."""
 
+    @property
+    def state_key(self) -> str:
+        """That of Lightning's own: trainings that were begun with these go on."""
+        return super().state_key.replace(type(self).__qualname__, ModelCheckpoint.__qualname__, 1)
+
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Take over what was known, with every path in the folder of today."""
 

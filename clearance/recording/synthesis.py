@@ -314,7 +314,8 @@ class Campaign:
         for path in paths.values():
             if path.exists() and read(path).metadata.get(_CAMPAIGN) != own:
                 raise InputError(
-                    f"recordings={folder}: {path} is of other settings; set recordings to another"
+                    f"recordings={folder}: {path} is of other settings, or of an older version; set "
+                    "recordings to another folder"
                 )
         place.mkdir(parents=True, exist_ok=True)
         missing = [run for run, path in paths.items() if not path.exists()]

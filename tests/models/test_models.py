@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 import torch
+from lightning.pytorch.callbacks import ModelCheckpoint
 
 from clearance.errors import InputError
+from clearance.models.neural import Checkpoints
 from tests.models.conftest import CONF, NEURAL, SMALL, configured
 
 
@@ -91,6 +93,12 @@ def test_a_killed_training_goes_on_to_the_same_weights(model, make_data, open_ru
     resumed.fit(make_data(), run)
     for name, weight in whole.net.state_dict().items():
         assert torch.equal(weight, resumed.net.state_dict()[name]), name
+
+
+def test_checkpoints_of_lightnings_own_kind_are_taken_over():
+    """Trainings that were begun before the folder could be moved."""
+    settings = {"monitor": "val/nmae", "mode": "min"}
+    assert Checkpoints(**settings).state_key == ModelCheckpoint(**settings).state_key
 
 
 def test_a_killed_training_whose_folder_is_moved_knows_its_best_weights(make_data, open_run):

@@ -75,6 +75,11 @@ class Attempt:
         """The hypotheses' labels."""
         return " + ".join(h.label for h in self.hypotheses) or "nominal"
 
+    @property
+    def labels(self) -> frozenset[str]:
+        """The same, in whichever order they were found."""
+        return frozenset(h.label for h in self.hypotheses)
+
 
 def refine(
     hypotheses: Sequence[Hypothesis],

@@ -114,9 +114,9 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
             return Judged(own, before, after, errors_before, errors_after, withdrawn)
         search.report(f"{best.label}: held-out recordings are explained as well by {enough.label}")
         withdrawn.append(best.label)
-        needed = {h.label for h in enough.hypotheses}
+        needed = enough.labels
         for attempt in explanation.standing[1:]:
-            more = needed < {h.label for h in attempt.hypotheses} if needed else attempt.label == best.label
+            more = needed < attempt.labels if needed else attempt.labels == best.labels
             # there is no time to judge others, and what is not judged is not asserted
             attempt.withdrawn |= more or (search.late() and attempt is not enough)
         ask(search, explanation)

@@ -29,6 +29,7 @@ from clearance.diagnosis.judging.verdict import (
     place_of,
     probabilities,
     rivals,
+    unconfirmed,
     verdict_of,
 )
 from clearance.diagnosis.judging.words import located, sentences
@@ -165,7 +166,7 @@ def diagnose(
             *located(joints),
         ],
         "mismatch": {
-            "detected": verdict != "none", "score": score,
+            "detected": verdict != "none" and not unconfirmed(explanation, after), "score": score,
             "p_value": None if score is None else p_value(score, explanation.simulated),
             "simulations": 0 if explanation.simulated is None else len(explanation.simulated),
             "body": body, "direction": direction,

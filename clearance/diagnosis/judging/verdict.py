@@ -285,13 +285,13 @@ def probabilities(explanation: Explanation) -> dict[int, float]:
 
     What was fitted several times, from other paths or sizes, is one explanation, at its smallest price.
     """
-    cheapest: dict[str, float] = {}
+    cheapest: dict[frozenset[str], float] = {}
     for one in explanation.standing:
-        cheapest[one.label] = min(explanation.price(one), cheapest.get(one.label, np.inf))
+        cheapest[one.labels] = min(explanation.price(one), cheapest.get(one.labels, np.inf))
     least = min(cheapest.values())
-    weights = {label: float(np.exp(-0.5 * (price - least))) for label, price in cheapest.items()}
+    weights = {labels: float(np.exp(-0.5 * (price - least))) for labels, price in cheapest.items()}
     whole = sum(weights.values())
-    return {id(one): weights[one.label] / whole for one in explanation.standing}
+    return {id(one): weights[one.labels] / whole for one in explanation.standing}
 
 
 def basis_of(explanation: Explanation, held_out: Attempt | None = None) -> str:

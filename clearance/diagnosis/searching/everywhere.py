@@ -14,6 +14,7 @@ from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.work import DRIVE
 from clearance.diagnosis.shooting.model import Model
+from clearance.errors import InputError
 
 _LOOKS = 3  # at all recordings
 _LESS = 0.8  # of the misfit of the look before: what leaves more is not looked at again
@@ -71,20 +72,24 @@ def fit_everywhere(
                 return start_anew(search, model, row, r)
             return start_with(search, held[-1], model, row, r)
 
-        with ThreadPoolExecutor(search.workers) as pool:
-            starts = list(pool.map(begin, range(len(search.starts))))
-        values = np.repeat(row[None], len(starts), axis=0)
-        for r, start in enumerate(starts):
-            if anew or look or r != surest:
-                values[r, -1] = start.trace.speed
-        found = search.grown(held, values, starts, base=base, insist=seen * insist)
+        try:
+            with ThreadPoolExecutor(search.workers) as pool:
+                starts = list(pool.map(begin, range(len(search.starts))))
+            values = np.repeat(row[None], len(starts), axis=0)
+            for r, start in enumerate(starts):
+                if anew or look or r != surest:
+                    values[r, -1] = start.trace.speed
+            found = search.grown(held, values, starts, base=base, insist=seen * insist)
+        except (InputError, np.linalg.LinAlgError):
+            if best is None:
+                raise
+            break  # what an earlier look has found stands
         if found is None or (best is not None and not found.misfit < best.misfit):
             break
         little = best is not None and found.misfit > _LESS * best.misfit
         best, row = found, found.fit.values[surest].copy()
-        told = _told(search, best, base)
-        if told is not None:  # the others were sought with what these have told better since
-            row = told
+        if look < _LOOKS - 1 and _tells(best, base):
+            row = _told(search, best, base)
             continue
         known = row[0] if misled else search.profile.best
         known = known if clearance is None else clearance
@@ -94,12 +99,21 @@ def fit_everywhere(
     return best
 
 
-def _told(search: Search, found: Attempt, base: Attempt) -> np.ndarray | None:
-    """(unknowns,) what recordings tell that are followed, or nearly, if others are not."""
+def _near(found: Attempt, base: Attempt) -> list[int]:
+    """Recordings that are followed, or nearly."""
     limits = [max(EXPLAINED, HALFWAY * misfit) for misfit in base.misfits]
-    near = [r for r, misfit in enumerate(found.misfits) if misfit < limits[r]]
-    if not 0 < len(near) < len(limits):
-        return None
+    return [r for r, misfit in enumerate(found.misfits) if misfit < limits[r]]
+
+
+def _tells(found: Attempt, base: Attempt) -> bool:
+    """Whether some recordings are followed so and others lost; what ``base`` explains tells nothing new."""
+    near = _near(found, base)
+    return len(near) < len(found.misfits) and any(base.misfits[r] >= EXPLAINED for r in near)
+
+
+def _told(search: Search, found: Attempt, base: Attempt) -> np.ndarray:
+    """(unknowns,) what the recordings tell alone that are followed."""
+    near = _near(found, base)
     followers, rows = [found.followers[r] for r in near], found.fit.values[near]
     alone = refine(found.hypotheses, found.model, followers, rows, found.scale, 8, search.workers)
     row: np.ndarray = alone.fit.values[0].copy()

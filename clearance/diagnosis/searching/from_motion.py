@@ -246,7 +246,7 @@ def _fit_dimension(search: Search, explanation: Explanation, one: Dimension) -> 
     By the rod's sensors and 5 % noise that was 14 % too much (a guide line 6.4 mm off).
     """
     nominal = explanation.nominal
-    for less in _LESS_CLEARANCE:
+    for less in _LESS_CLEARANCE if one.hypothesis.fault is None else _LESS_CLEARANCE[:1]:
         size, clearance = np.array([one.value]), less * one.clearance
         found = fit_from(search, explanation, nominal, [one.hypothesis], size, clearance, anew=False)
         if (found is not None and found.misfit < HALFWAY * nominal.misfit) or search.late():
@@ -325,11 +325,9 @@ def begin_wear(search: Search, explanation: Explanation, base: Attempt) -> None:
     )
     amplitude, order, phase = one.values
     for larger in _LARGER:
-        size, clearance = (
-            np.array([larger * amplitude, order, phase]),
-            one.clearance + (larger - 1.0) * amplitude,
-        )
-        fit_from(search, explanation, base, [one.hypothesis], size, clearance, anew=True)
+        size = np.array([larger * amplitude, order, phase])
+        gap = one.clearance + (larger - 1.0) * amplitude  # what is seen of it is beside the lobes
+        fit_from(search, explanation, base, [one.hypothesis], size, gap, anew=True)
         if explained(explanation.best) or search.late():
             return
 

@@ -64,7 +64,8 @@ def attempt(names, misfit, kind="physics", off=0.0, each=(), typical=()):
     recorded = [SimpleNamespace(name=f"{r}.csv", first=0) for r in range(len(each))]
     followers = [SimpleNamespace(measured=one, segments=100) for one in recorded]
     return SimpleNamespace(
-        hypotheses=hypotheses, label=" + ".join(names) or "nominal", misfit=misfit, level=misfit, scale=scale,
+        hypotheses=hypotheses, label=" + ".join(names) or "nominal", labels=frozenset(names),
+        misfit=misfit, level=misfit, scale=scale,
         withdrawn=False, reach=None, followers=followers, misfits=each, shares=(),
         fit=SimpleNamespace(passes=passes, cost=10_000 * misfit),
         model=SimpleNamespace(shared=1 + len(names)),
@@ -121,8 +122,8 @@ def test_an_effect_is_asserted_though_half_of_what_was_held_out_is_lost(each, sh
 
 
 def test_an_effect_that_was_fitted_twice_is_as_sure_as_once():
-    twice = [attempt(["gravity"], 1.0), attempt(["gravity"], 1.0001)]
-    rival = attempt(["guide_friction"], 1.0001)
+    twice = [attempt(["gravity", "rod_inertia"], 1.0), attempt(["rod_inertia", "gravity"], 1.0001)]
+    rival = attempt(["guide_friction", "restitution"], 1.0001)
     chance = probabilities(Explanation(attempt([], 50.0), [*twice, rival]))
     assert chance[id(twice[0])] == chance[id(twice[1])]
     assert chance[id(twice[0])] + chance[id(rival)] == pytest.approx(1.0)

@@ -7,6 +7,7 @@ import pytest
 
 from clearance.diagnosis.searching import everywhere
 from clearance.diagnosis.searching.everywhere import fit_everywhere
+from clearance.errors import InputError
 from tests.diagnosis.judging.test_verdict import attempt
 
 
@@ -45,16 +46,17 @@ def test_a_clearance_that_was_led_astray_is_begun_again_where_the_motion_agrees(
 
 
 @pytest.mark.parametrize(
-    ("each", "expected"),
+    ("each", "before", "expected"),
     [
-        ([1.0, 90.0], [3e-4, 3.1e-4]),  # one is followed, and tells more alone
-        ([20.0, 90.0], [3e-4, 3.1e-4]),  # or nearly
-        ([60.0, 90.0], [3e-4]),  # neither is
-        ([1.0, 1.1], [3e-4]),
+        ([1.0, 90.0], 100.0, [3e-4, 3.1e-4]),  # one is followed, and tells more alone
+        ([20.0, 90.0], 100.0, [3e-4, 3.1e-4]),  # or nearly
+        ([60.0, 90.0], 100.0, [3e-4]),  # neither is
+        ([1.0, 90.0], 1.1, [3e-4]),  # it was before, and tells nothing of what is new
+        ([1.0, 1.1], 100.0, [3e-4]),
     ],
 )
 def test_a_recording_that_is_lost_is_looked_for_again_with_what_another_one_tells_alone(
-    monkeypatch, each, expected
+    monkeypatch, each, before, expected
 ):
     begun, found = (
         [],
@@ -81,6 +83,29 @@ def test_a_recording_that_is_lost_is_looked_for_again_with_what_another_one_tell
         setting=SimpleNamespace(model=lambda held: None), workers=1, starts=[start] * 2, grown=grown,
         profile=SimpleNamespace(best=3e-4),
     )  # fmt: skip
-    held, base = attempt(["worn_bearing"], 1.0).hypotheses, attempt([], 100.0, each=[100.0, 100.0])
+    held, base = attempt(["worn_bearing"], 1.0).hypotheses, attempt([], 100.0, each=[before, 100.0])
     fit_everywhere(search, held, np.array([3e-4, 6e-5, 700.0]), 0, base, anew=True)
     assert begun == pytest.approx(expected)
+
+
+def test_what_an_earlier_look_has_found_stands_where_a_later_one_fails(monkeypatch):
+    first = attempt(["worn_bearing"], 5.0, each=[5.0])
+    first.fit.values = np.array([[3e-4, 8e-5, 700.0]])
+    looks = iter([first, InputError("the gap has closed")])
+
+    def grown(*_, **__):
+        one = next(looks)
+        if isinstance(one, InputError):
+            raise one
+        return one
+
+    start = SimpleNamespace(trace=SimpleNamespace(speed=700.0), doubt=1.0)
+    monkeypatch.setattr(everywhere, "start_anew", lambda *_: start)
+    search = SimpleNamespace(
+        setting=SimpleNamespace(model=lambda held: None), workers=1, starts=[start], grown=grown,
+        profile=SimpleNamespace(best=3e-4),
+    )  # fmt: skip
+    held = attempt(["worn_bearing"], 1.0).hypotheses
+    row = np.array([3e-4, 6e-5, 700.0])
+    assert fit_everywhere(search, held, row, 0, attempt([], 100.0), anew=True) is first
+    assert next(looks, None) is None
