@@ -136,30 +136,27 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
     _try_out(search, explanation, base, [*groups, *([] if explanation.balanced else drives)], None)
 
 
-def begin_inside(search: Search, explanation: Explanation) -> None:
-    """Fit what acts inside the joint from plausible sizes, where the nominal machine does not explain.
+def begin_inside(search: Search, explanation: Explanation, base: Attempt) -> None:
+    """Fit what acts inside the joint from plausible sizes beside ``base``, where that does not explain.
 
     Beside a path that is not right yet a linear look at impacts tells little of these: a film shows as a gap
     that is too small, and friction of 0.09 as one of 0.016, from where no way leads on. Where films or
-    friction are not among the hypotheses, a resistance of free form is tried in their place.
+    friction are not among the hypotheses, a resistance of free form is tried in the place of the nominal
+    machine.
     """
-    nominal, shown, joint = explanation.nominal, search.profile.best, search.setting.joint
-    if explained(nominal):
+    shown, joint, alone = search.profile.best, search.setting.joint, base is explanation.nominal
+    if explained(base):
         return
-    clearance = shown if astray(nominal.fit.values[0, 0], shown) else None
-    groups = [[g[0]] for g in search.others(nominal) if g[0].name in _INSIDE and _of_one_size(g[0])]
-    films = [g for g in search.groups.values() if g[0].name == _FILM]
-    tables = [] if films else [[free_form(resisting(joint, size), joint) for size in _RESISTING]]
-    if all(g[0].name != _FRICTION for g in search.groups.values()):
+    clearance = shown if alone and astray(base.fit.values[0, 0], shown) else None
+    others = search.others(base)
+    groups = [[g[0]] for g in others if g[0].name in _INSIDE and _of_one_size(g[0])]
+    films = [g for g in others if g[0].name == _FILM]
+    tables = []
+    if alone and not films:
+        tables.append([free_form(resisting(joint, size), joint) for size in _RESISTING])
+    if alone and all(g[0].name != _FRICTION for g in others):
         tables.append([free_form(rubbing(joint, size), joint) for size in _RUBBING])
-    _try_out(
-        search,
-        explanation,
-        nominal,
-        [*films, *tables, *groups],
-        clearance,
-        len(_RESISTING),
-    )
+    _try_out(search, explanation, base, [*films, *tables, *groups], clearance, len(_RESISTING))
 
 
 def _try_out(

@@ -142,7 +142,7 @@ def _search_all(
 
     def cushion() -> None:
         if explanation.shut(nominal):  # a sensor that says little of impacts does much of what a film does
-            begin_inside(search, explanation)
+            begin_inside(search, explanation, nominal)
 
     def sensor() -> None:
         channel = glaring(nominal)
@@ -194,7 +194,7 @@ def _search_all(
         if settled(search, explanation, nominal):
             return
         if not explanation.shut(nominal):
-            begin_inside(search, explanation)
+            begin_inside(search, explanation, nominal)
         for channel in accused():
             if channel not in deafened and not settled(search, explanation, nominal):
                 deafen(search, explanation, nominal, channel)
@@ -258,6 +258,8 @@ def _search_all(
                 begin_again(search, explanation)
             if beside.obvious and base is explanation.best and not settled(search, explanation, base):
                 reshape(search, explanation, base)
+            if base.misfit > FAR and not settled(search, explanation, base):
+                begin_inside(search, explanation, base)
             if not settled(search, explanation, base):
                 begin_elsewhere(search, explanation, base)
             before, base = base, _named(explanation)

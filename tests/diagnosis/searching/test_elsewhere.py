@@ -97,7 +97,7 @@ def test_what_resists_in_a_joint_and_has_no_name_is_tried_from_plausible_tables(
         groups=groups, others=lambda _: list(groups.values()), setting=setting,
         profile=SimpleNamespace(best=3e-4),
     )  # fmt: skip
-    begin_inside(search, Explanation(nominal))
+    begin_inside(search, Explanation(nominal), nominal)
     free = [group for group in asked if unnamed(group) is not None]
     assert {group[0].direction for group in free} == tables
     assert {group[0].direction: len(group) for group in free} == {

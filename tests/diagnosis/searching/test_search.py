@@ -181,7 +181,7 @@ def test_a_force_without_a_name_is_found_on_its_body_with_its_argument():
 def test_friction_without_a_name_is_a_line_over_its_joints_force():
     found, explanation = within(3e-4, ("gravity",), friction=Coulomb(0.2))
     explanation = Explanation(explanation.nominal, agreed=explanation.agreed)
-    begin_inside(found, explanation)
+    begin_inside(found, explanation, explanation.nominal)
     best = explanation.best
     assert explained(best)
     (hypothesis,) = best.hypotheses
@@ -261,7 +261,7 @@ def test_a_force_is_written_as_a_function_of_what_it_depends_on():
 def test_a_film_is_found_where_it_makes_the_gap_look_small():
     found, explanation = within(7e-4, ("joint_lubrication",), film=SqueezeFilm(damping=1.0))
     assert explanation.nominal.fit.values[0, 0] < 0.7 * found.profile.best
-    begin_inside(found, explanation)
+    begin_inside(found, explanation, explanation.nominal)
     assert explained(explanation.best)
     clearance, damping, _ = explanation.best.fit.values[0]
     assert clearance == pytest.approx(7e-4, rel=0.01)
@@ -274,7 +274,7 @@ def test_a_film_is_found_where_the_gap_looks_right_and_the_path_is_near():
     nominal = explanation.nominal
     assert not astray(nominal.fit.values[0, 0], found.profile.best)
     assert EXPLAINED < nominal.misfit < FAR
-    begin_inside(found, explanation)
+    begin_inside(found, explanation, explanation.nominal)
     assert explained(explanation.best)
     clearance, damping, _ = explanation.best.fit.values[0]
     assert clearance == pytest.approx(1.2e-4, rel=0.01)
@@ -284,7 +284,7 @@ def test_a_film_is_found_where_the_gap_looks_right_and_the_path_is_near():
 @pytest.mark.slow
 def test_a_thin_film_is_found_from_a_size_near_its_own():
     found, explanation = within(4e-4, ("joint_lubrication",), film=SqueezeFilm(damping=0.011))
-    begin_inside(found, explanation)
+    begin_inside(found, explanation, explanation.nominal)
     assert explained(explanation.best)
     clearance, damping, _ = explanation.best.fit.values[0]
     assert clearance == pytest.approx(4e-4, rel=0.01)
@@ -294,7 +294,7 @@ def test_a_thin_film_is_found_from_a_size_near_its_own():
 @pytest.mark.slow
 def test_a_film_without_its_name_is_a_table_over_the_journals_closeness():
     found, explanation = within(7e-4, ("restitution",), film=SqueezeFilm(damping=1.0))
-    begin_inside(found, explanation)
+    begin_inside(found, explanation, explanation.nominal)
     best = explanation.best
     assert explained(best)
     assert best.hypotheses[0].direction == DAMPING
@@ -305,7 +305,7 @@ def test_a_film_without_its_name_is_a_table_over_the_journals_closeness():
 @pytest.mark.slow
 def test_a_film_is_not_tried_where_the_motion_agrees():
     found, explanation = search(3e-4, ("joint_lubrication",))
-    begin_inside(found, explanation)
+    begin_inside(found, explanation, explanation.nominal)
     assert explanation.attempts == []
 
 

@@ -242,6 +242,18 @@ def fruitless(monkeypatch):
     return strategy
 
 
+@pytest.mark.parametrize(("left", "expected"), [(700.0, True), (15.0, False)])
+def test_what_acts_inside_the_joint_is_tried_beside_a_part_that_is_far(
+    monkeypatch, fruitless, left, expected
+):
+    asked, nominal, clock = [], attempt([], 8000.0), attempt(["timebase"], left)
+    monkeypatch.setattr(fruitless + "begin_inside", lambda _, __, base: asked.append(base))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
+    _search_all(search, Explanation(nominal, [clock]), 2, lambda _: None)
+    assert (clock in asked) == expected
+    assert nominal in asked
+
+
 @pytest.mark.parametrize(
     ("misfit", "found", "order"),
     [
