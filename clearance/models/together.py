@@ -157,7 +157,10 @@ class StackedRegressor(L.LightningModule):
         return {"optimizer": self._optimizer, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Add how far each network is."""
+        """Add how far each network is; the events so far are on disk first, since none is written again."""
+        for row in self._rows:
+            if not self._runs[row].finished:
+                self._runs[row].logger.experiment.flush()
         checkpoint["together"] = {
             "rows": self._rows,
             "running": self._running,
