@@ -66,7 +66,7 @@ function heatMap(parent, where) {
   return true;
 
   function scale() {
-    const ticks = [1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000].filter((value) => value <= most * 1.001 && (most < 12 || value !== 3));
+    const ticks = [1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000].filter((value) => value <= most * 1.001 && (most < 12 || value !== 3));
     const holder = h("div", { class: "scale" });
     figure(holder, `Colour scale from 1, noise alone, to ${text(most, 3)} times the noise`, (width) => {
       const svg = canvas(width, 36), x = (ratio) => (Math.log(Math.max(ratio, 1.0) / 1) / Math.log(most)) * (width - 2) + 1;
@@ -74,13 +74,14 @@ function heatMap(parent, where) {
         const edge = (at) => (at === 0 ? 1 : x(1.12 * (most / 1.12) ** (at / LEVELS)));
         svg.append(s("rect", { class: `h${index}`, x: edge(index), y: 2, width: edge(index + 1) - edge(index) + 0.5, height: 12 }));
       }
-      let last = -100;
+      let end = -100;
       for (const value of ticks) {
-        const at = x(value);
-        if (at - last < 22) continue;
-        last = at;
-        svg.append(s("text", { class: "tick", x: at, y: 29, "text-anchor": value === 1 ? "start" : at > width - 12 ? "end" : "middle" }, value === 1 ? "1 = noise" : `${value}×`));
-        if (value === 1) last = at + 48;
+        const at = x(value), label = value === 1 ? "1 = noise" : `${value}×`, long = 6.2 * label.length;
+        const anchor = value === 1 ? "start" : at > width - long / 2 ? "end" : "middle";
+        const begin = at - { start: 0, middle: long / 2, end: long }[anchor];
+        if (begin < end + 6) continue;
+        end = begin + long;
+        svg.append(s("text", { class: "tick", x: at, y: 29, "text-anchor": anchor }, label));
       }
       return svg;
     });
