@@ -53,8 +53,13 @@ def train_apart(make_data, open_run):
 def events(run):
     """Steps and values of every tag, without those of time."""
     run.logger.save()
-    read = EventAccumulator(str(run.path)).Reload()
-    return {tag: [(one.step, one.value) for one in read.Scalars(tag)] for tag in read.Tags()["scalars"]}
+    found = {}
+    # Files of one second are numbered, and TensorBoard reads a tenth before a ninth.
+    for file in sorted(run.path.glob("*.tfevents.*"), key=lambda path: int(path.name.rsplit(".", 1)[1])):
+        read = EventAccumulator(str(file)).Reload()
+        for tag in read.Tags()["scalars"]:
+            found.setdefault(tag, []).extend((one.step, one.value) for one in read.Scalars(tag))
+    return found
 
 
 def assert_same(together, apart):
