@@ -72,15 +72,15 @@ def nominal_map(
 
 def _alike(setting: Setting) -> bool:
     """Whether a machine is the map's but for its clearance and speed."""
-    own, drawn = (
-        replace(machine, drive=settled(machine.drive.at_speed(SPEEDS[0])))
-        for machine in (setting.with_clearance(3e-4), _MACHINES[setting.joint])
-        if isinstance(machine.drive, Drive)
-    )
-    same: bool = np.array_equal(own.codes(), drawn.codes()) and np.allclose(
-        own.parameters(), drawn.parameters()
-    )
-    return same
+
+    def at_one_speed(machine: SliderCrank) -> SliderCrank:
+        assert isinstance(machine.drive, Drive)
+        return replace(machine, drive=settled(machine.drive.at_speed(SPEEDS[0])))
+
+    own, drawn = at_one_speed(setting.with_clearance(3e-4)), at_one_speed(_MACHINES[setting.joint])
+    if not np.array_equal(own.codes(), drawn.codes()):
+        return False
+    return bool(np.allclose(own.parameters(), drawn.parameters()))
 
 
 def _has(channels: Sequence[str], needed: Sequence[str]) -> bool:

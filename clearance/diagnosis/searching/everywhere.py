@@ -88,8 +88,9 @@ def fit_everywhere(
             break
         little = best is not None and found.misfit > _LESS * best.misfit
         best, row = found, found.fit.values[surest].copy()
-        if look < _LOOKS - 1 and _tells(best, base):
-            row = _told(search, best, base)
+        teachers = _teachers(best, base)
+        if teachers and look < _LOOKS - 1:
+            row = _told(search, best, teachers)
             continue
         known = row[0] if misled else search.profile.best
         known = known if clearance is None else clearance
@@ -99,22 +100,17 @@ def fit_everywhere(
     return best
 
 
-def _near(found: Attempt, base: Attempt) -> list[int]:
-    """Recordings that are followed, or nearly."""
+def _teachers(found: Attempt, base: Attempt) -> list[int]:
+    """Recordings that are followed, or nearly, where others are lost; none that ``base`` explained teach."""
     limits = [max(EXPLAINED, HALFWAY * misfit) for misfit in base.misfits]
-    return [r for r, misfit in enumerate(found.misfits) if misfit < limits[r]]
+    near = [r for r, misfit in enumerate(found.misfits) if misfit < limits[r]]
+    new = any(base.misfits[r] >= EXPLAINED for r in near)
+    return near if new and len(near) < len(limits) else []
 
 
-def _tells(found: Attempt, base: Attempt) -> bool:
-    """Whether some recordings are followed so and others lost; what ``base`` explains tells nothing new."""
-    near = _near(found, base)
-    return len(near) < len(found.misfits) and any(base.misfits[r] >= EXPLAINED for r in near)
-
-
-def _told(search: Search, found: Attempt, base: Attempt) -> np.ndarray:
-    """(unknowns,) what the recordings tell alone that are followed."""
-    near = _near(found, base)
-    followers, rows = [found.followers[r] for r in near], found.fit.values[near]
+def _told(search: Search, found: Attempt, teachers: Sequence[int]) -> np.ndarray:
+    """(unknowns,) what some of the recordings tell alone."""
+    followers, rows = [found.followers[r] for r in teachers], found.fit.values[teachers]
     alone = refine(found.hypotheses, found.model, followers, rows, found.scale, 8, search.workers)
     row: np.ndarray = alone.fit.values[0].copy()
     return row

@@ -5,19 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clearance.diagnosis.following.attempt import Attempt
 from clearance.diagnosis.hypotheses.free_form import (
     CLOSEST,
     DAMPING,
     FREE_FORM,
     KNOTS,
-    Curve,
     free_form,
-    known_force,
     resisting,
 )
 from clearance.diagnosis.hypotheses.hypothesis import Setting
-from clearance.diagnosis.hypotheses.two_levels import two_levels
 from clearance.diagnosis.judging import verdict, words
 from clearance.diagnosis.judging.verdict import (
     Estimate,
@@ -33,11 +29,7 @@ from clearance.diagnosis.judging.verdict import (
     withdraw,
 )
 from clearance.diagnosis.judging.words import sentences
-from clearance.diagnosis.kinematics.rhythm import Rhythm
-from clearance.diagnosis.kinematics.shaking import Shaking
 from clearance.diagnosis.searching.explanation import Explanation, Rails, Suspected
-from clearance.diagnosis.shooting.fit import Fit
-from clearance.diagnosis.shooting.model import Model, Unknown
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 
@@ -373,84 +365,6 @@ def test_a_table_of_which_each_knot_may_be_off_is_not_withdrawn(monkeypatch):
     explanation = Explanation(attempt([], 50.0), [table])
     withdraw(explanation)
     assert explanation.best is table
-
-
-WAVE = np.array([1.0, 0.0, -1.0, 0.0])
-
-
-def torque_table(between):
-    """What is said of a torque of unknown level, each difference known to 0.1 sqrt(0.75)."""
-    angle = 0.5 * np.pi * np.arange(4)
-    curve = Curve("crank", "torque", "crank_angle", angle, WAVE, WAVE, 0.0, 0.0, between)
-    hypothesis = free_form(curve, "C")
-    unknowns = (Unknown("clearance", 1.0), *hypothesis.unknowns, Unknown("speed", 1.0, own=True))
-    contrasts = np.eye(4) - 0.25  # the recordings tell differences alone
-    information = np.zeros((6, 6))
-    information[0, 0] = information[5, 5] = 1.0
-    information[1:5, 1:5] = 100.0 * contrasts
-    values = np.array([[3e-4, *(WAVE - 700.0), 700.0]])
-    one = SimpleNamespace(parts=np.zeros((5, 6)))
-    fit = Fit(Model(unknowns, lambda _: None), values, 0.0, [one], information)
-    attempt = Attempt((hypothesis,), fit.model, fit, 1.0, 1.0, [])
-    return free_form_of(attempt, Setting(SliderCrank(), "C"))
-
-
-@pytest.mark.parametrize(("deviation", "band"), [(0.5, 0.98), (np.inf, None)])
-def test_a_measured_force_is_as_sure_as_the_recordings_agree_on_it(deviation, band):
-    wave = 40.0 * WAVE
-    curve = Curve("frame", "x", "time", np.zeros(1), wave, wave, 0.0, 0.0, "linear", 0.06)
-    follower = SimpleNamespace(measured=SimpleNamespace(clock=0.02))
-    fit = SimpleNamespace(values=np.array([[3e-4, 700.0]]))
-    pushed = Attempt((known_force(curve),), SimpleNamespace(shared=1), fit, 1.0, 1.0, [follower])
-    shaken = Shaking(Rhythm(0.06, (0.02,)), "x", wave, 0.99, deviation)
-    found = free_form_of(pushed, Setting(SliderCrank(), "C"), shaken)
-    np.testing.assert_allclose(found["table"], np.column_stack([0.015 * np.arange(4), wave]))
-    assert (found["body"], found["argument"], found["period"]) == ("frame", "time", 0.06)
-    assert found["clocks"] == [0.02]
-    expected = [None] * 4 if band is None else pytest.approx(wave - band)
-    assert found["low"] == expected
-
-
-def test_between_two_jumps_a_force_is_as_sure_as_its_level_and_at_a_jump_as_its_time():
-    knots = 0.05 * np.arange(4)
-    curve = Curve("slider", "x", "time", knots, WAVE, WAVE, 0.0, 0.0, "linear", 0.2)
-    values = np.array([20.0, -8.0, 0.1, 0.6])
-    hypothesis = two_levels(curve, values)
-    unknowns = (Unknown("clearance", 1.0), *hypothesis.unknowns, Unknown("speed", 1.0, own=True))
-    information = np.diag(1.0 / np.array([1.0, 0.1, 0.2, 1e-3, 2e-3, 1.0]) ** 2)
-    fit = Fit(
-        Model(unknowns, lambda _: None), np.array([[3e-4, *values, 700.0]]), 0.0,
-        [SimpleNamespace(parts=np.zeros((5, 6)))], information,
-    )  # fmt: skip
-    follower = SimpleNamespace(measured=SimpleNamespace(clock=0.02))
-    jumping = Attempt((hypothesis,), fit.model, fit, 1.0, 1.0, [follower])
-    found = free_form_of(jumping, Setting(SliderCrank(), "C"))
-    (time, force), low, high = np.array(found["table"]).T, np.array(found["low"]), np.array(found["high"])
-    turns = time / 0.2
-    one, other = (turns > 0.13) & (turns < 0.57), (turns < 0.07) | (turns > 0.63)
-    assert force[one] == pytest.approx(20.0)
-    assert force[other] == pytest.approx(-8.0)
-    assert (high - force)[one] == pytest.approx(1.96 * 0.1, rel=1e-3)
-    assert (force - low)[other] == pytest.approx(1.96 * 0.2, rel=1e-3)
-    steep = 1.96 * 28.0 * 48  # and of unsure time
-    assert (high - force)[np.abs(turns - 0.1) < 0.03].max() == pytest.approx(steep * 1e-3, rel=0.05)
-    assert (high - force)[np.abs(turns - 0.6) < 0.03].max() == pytest.approx(steep * 2e-3, rel=0.1)
-
-
-def test_of_a_torque_without_a_name_only_what_varies_is_given():
-    found = torque_table("linear")
-    np.testing.assert_allclose([force for _, force in found["table"]], WAVE, atol=1e-9)
-    np.testing.assert_allclose(np.array(found["high"]) - WAVE, 1.96 * 0.1 * np.sqrt(0.75), rtol=1e-3)
-
-
-def test_a_spline_is_given_so_closely_that_lines_join_its_points():
-    found = torque_table("cubic")
-    angle, force = np.array(found["table"]).T
-    np.testing.assert_allclose(angle, np.pi / 8.0 * np.arange(16))
-    np.testing.assert_allclose(force, np.cos(angle), atol=0.02)
-    band = np.array(found["high"]) - force
-    np.testing.assert_allclose(band[::4], 1.96 * 0.1 * np.sqrt(0.75), rtol=1e-3)
-    assert (band > 0.0).all()
 
 
 @pytest.mark.parametrize(("misfit", "expected"), [(1.6, ("slider", "x")), (3.0, ("joint_b", "normal"))])

@@ -11,6 +11,16 @@ from clearance.errors import InputError
 from tests.diagnosis.judging.test_verdict import attempt
 
 
+def search_with(monkeypatch, grown, recordings=1):
+    """A search that follows as it is told, from anywhere."""
+    start = SimpleNamespace(trace=SimpleNamespace(speed=70.0), doubt=1.0)
+    monkeypatch.setattr(everywhere, "start_anew", lambda *_: start)
+    return SimpleNamespace(
+        setting=SimpleNamespace(model=lambda held: None), workers=1, starts=[start] * recordings, grown=grown,
+        profile=SimpleNamespace(best=3e-4),
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("name", "clearance", "expected"),
     [
@@ -32,12 +42,7 @@ def test_a_clearance_that_was_led_astray_is_begun_again_where_the_motion_agrees(
         found.fit.values = np.array([[11e-4, 835.0, 70.0]])
         return found
 
-    start = SimpleNamespace(trace=SimpleNamespace(speed=70.0), doubt=1.0)
-    monkeypatch.setattr(everywhere, "start_anew", lambda *_: start)
-    search = SimpleNamespace(
-        setting=SimpleNamespace(model=lambda held: None), workers=1, starts=[start], grown=grown,
-        profile=SimpleNamespace(best=3e-4),
-    )  # fmt: skip
+    search = search_with(monkeypatch, grown)
     held, row = attempt([name], 1.0).hypotheses, np.array([5e-4, 841.0, 70.0])
     held[0].fault = None
     found = fit_everywhere(search, held, row, 0, attempt([], 122.0), anew=True, clearance=clearance)
@@ -58,13 +63,8 @@ def test_a_clearance_that_was_led_astray_is_begun_again_where_the_motion_agrees(
 def test_a_recording_that_is_lost_is_looked_for_again_with_what_another_one_tells_alone(
     monkeypatch, each, before, expected
 ):
-    begun, found = (
-        [],
-        [
-            attempt(["worn_bearing"], float(np.mean(each)), each=each),
-            attempt(["worn_bearing"], 1.0, each=[1.0, 1.0]),
-        ],
-    )
+    first = attempt(["worn_bearing"], float(np.mean(each)), each=each)
+    begun, found = [], [first, attempt(["worn_bearing"], 1.0, each=[1.0, 1.0])]
     for one, clearance in zip(found, (2.8e-4, 3.1e-4), strict=True):
         one.fit.values = np.array([[clearance, 8e-5, 700.0]] * 2)
 
@@ -76,13 +76,8 @@ def test_a_recording_that_is_lost_is_looked_for_again_with_what_another_one_tell
         assert [f.measured.name for f in followers] == ["0.csv"]
         return SimpleNamespace(fit=SimpleNamespace(values=np.array([[3.1e-4, 8.3e-5, 700.0]])))
 
-    start = SimpleNamespace(trace=SimpleNamespace(speed=700.0), doubt=1.0)
-    monkeypatch.setattr(everywhere, "start_anew", lambda *_: start)
     monkeypatch.setattr(everywhere, "refine", refine)
-    search = SimpleNamespace(
-        setting=SimpleNamespace(model=lambda held: None), workers=1, starts=[start] * 2, grown=grown,
-        profile=SimpleNamespace(best=3e-4),
-    )  # fmt: skip
+    search = search_with(monkeypatch, grown, recordings=2)
     held, base = attempt(["worn_bearing"], 1.0).hypotheses, attempt([], 100.0, each=[before, 100.0])
     fit_everywhere(search, held, np.array([3e-4, 6e-5, 700.0]), 0, base, anew=True)
     assert begun == pytest.approx(expected)
@@ -99,12 +94,7 @@ def test_what_an_earlier_look_has_found_stands_where_a_later_one_fails(monkeypat
             raise one
         return one
 
-    start = SimpleNamespace(trace=SimpleNamespace(speed=700.0), doubt=1.0)
-    monkeypatch.setattr(everywhere, "start_anew", lambda *_: start)
-    search = SimpleNamespace(
-        setting=SimpleNamespace(model=lambda held: None), workers=1, starts=[start], grown=grown,
-        profile=SimpleNamespace(best=3e-4),
-    )  # fmt: skip
+    search = search_with(monkeypatch, grown)
     held = attempt(["worn_bearing"], 1.0).hypotheses
     row = np.array([3e-4, 6e-5, 700.0])
     assert fit_everywhere(search, held, row, 0, attempt([], 100.0), anew=True) is first

@@ -30,6 +30,19 @@ def pair(*names):
     return Balanced(hypotheses, np.ones(len(names)), 2.0, 3e-4)
 
 
+def dimension(name, share=0.2):
+    """What the motion says of one that moves no link."""
+    hypothesis = SimpleNamespace(
+        name=name,
+        label=name,
+        fault=None,
+        channel=None,
+        unknowns=(None,),
+        apply=lambda machine, sizes: machine,
+    )
+    return Dimension(hypothesis, 2e-3, 2.6e-4, share)
+
+
 def table_on_slider(argument):
     return SimpleNamespace(
         name="free_form", label=f"free_form({argument})", body="slider", shapes=np.zeros(1, bool)
@@ -233,20 +246,13 @@ def test_a_dimension_without_which_the_motion_hardly_agrees_comes_with_what_is_l
         return attempt(["slider_offset"], 1.0 if follows else 90.0)
 
     tried = []
-    offset = SimpleNamespace(
-        name="slider_offset",
-        label="slider_offset",
-        fault=None,
-        unknowns=(None,),
-        apply=lambda machine, sizes: machine,
-    )
     forces = [] if force is None else [replace(pair(force), clearance=2.6e-4)]
     monkeypatch.setattr(from_motion, "suggest_forces", lambda *_, named: Suggested(forces, not forces))
     monkeypatch.setattr(from_motion, "settle_in", lambda search, setting, one: one)
     monkeypatch.setattr(from_motion, "fit_from", fit)
     search = SimpleNamespace(setting=Setting("machine", "B"), late=lambda: False)
     gain = Dimension(SimpleNamespace(fault="gain"), 1.1, 3e-4, 0.1)  # a sensor's fault moves no link
-    one = Dimension(offset, 2e-3, 2.6e-4, share)
+    one = dimension("slider_offset", share)
     found = begin_displaced(search, Explanation(attempt([], 1000.0)), [gain, one], most)
     assert tried == expected
     assert found is (one if expected else None)
@@ -256,13 +262,6 @@ def test_a_dimension_that_was_tried_is_fitted_beside_what_was_found_since_alone(
     def fit(search, explanation, base, hypotheses, *more, **other):
         tried.append([h.name for h in hypotheses])
         return attempt(["both"], 30.0)
-
-    def dimension(name):
-        hypothesis = SimpleNamespace(
-            name=name, label=name, fault=None, channel=None, unknowns=(None,),
-            apply=lambda machine, sizes: machine,
-        )  # fmt: skip
-        return Dimension(hypothesis, 2e-3, 2.6e-4, 0.2)
 
     tried, first, other = [], dimension("slider_offset"), dimension("second_clearance")
     part = attempt(["gravity"], 20.0)
@@ -316,17 +315,10 @@ def test_a_dimension_is_tried_with_less_clearance_where_it_is_not_followed(monke
         return attempt(["slider_offset"], 1.0) if len(tried) - 1 == follows else None
 
     tried = []
-    offset = SimpleNamespace(
-        name="slider_offset",
-        label="slider_offset",
-        fault=None,
-        unknowns=(None,),
-        apply=lambda machine, _: machine,
-    )
     monkeypatch.setattr(from_motion, "suggest_forces", lambda *_, named: None)
     monkeypatch.setattr(from_motion, "fit_from", fit)
     search = SimpleNamespace(setting=Setting("machine", "B"), late=lambda: False)
-    begin_displaced(search, Explanation(attempt([], 1000.0)), [Dimension(offset, 2e-3, 2.6e-4, 0.2)], 2)
+    begin_displaced(search, Explanation(attempt([], 1000.0)), [dimension("slider_offset")], 2)
     assert tried == pytest.approx(expected)
 
 
