@@ -4,12 +4,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import softmax
 
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import DAMPING, FREE_FORM, along, curve_of, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.judging.true_seconds import seconds_of
 from clearance.diagnosis.kinematics.shaking import Shaking
+from clearance.diagnosis.searching.beside import HALFWAY
+from clearance.diagnosis.searching.everywhere import misleads
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
 from clearance.diagnosis.searching.significance import beats, margin, suspicious, unsettled
@@ -163,10 +166,13 @@ def nearer(explanation: Explanation) -> bool:
 def cushioned(explanation: Explanation) -> bool:
     """Whether no machine explains and the nearest one closed a gap that the motion shows to be wide.
 
-    What keeps the journal from striking acts in the joint.
+    What keeps the journal from striking acts in the joint. Where a wrong clock, a faulty sensor or another
+    dimension takes away much, the nominal machine's motion shows another gap, and tells nothing.
     """
     best = explanation.best
-    return not explained(best) and best is not explanation.shown and explanation.shut(best)
+    misled = any(map(misleads, best.hypotheses)) and best.misfit < HALFWAY * explanation.nominal.misfit
+    open_question = not explained(best) and best is not explanation.shown
+    return open_question and not misled and explanation.shut(best)
 
 
 def lost(held_out: Attempt) -> list[str]:
@@ -285,13 +291,10 @@ def probabilities(explanation: Explanation) -> dict[int, float]:
 
     What was fitted several times, from other paths or sizes, is one explanation, at its smallest price.
     """
-    cheapest: dict[frozenset[str], float] = {}
-    for one in explanation.standing:
-        cheapest[one.labels] = min(explanation.price(one), cheapest.get(one.labels, np.inf))
-    least = min(cheapest.values())
-    weights = {labels: float(np.exp(-0.5 * (price - least))) for labels, price in cheapest.items()}
-    whole = sum(weights.values())
-    return {id(one): weights[one.labels] / whole for one in explanation.standing}
+    falling = sorted(explanation.standing, key=explanation.price, reverse=True)
+    cheapest = {one.labels: explanation.price(one) for one in falling}
+    chance = dict(zip(cheapest, softmax(-0.5 * np.array([*cheapest.values()])), strict=True))
+    return {id(one): float(chance[one.labels]) for one in falling}
 
 
 def basis_of(explanation: Explanation, held_out: Attempt | None = None) -> str:

@@ -177,12 +177,20 @@ def test_where_nothing_explains_the_clearance_spans_what_comes_near(misfit, expe
     assert (found.value, found.low, found.high) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize(("fitted", "cushioned"), [(1e-5, True), (4e-4, False)])
-def test_a_gap_that_no_machine_keeps_open_is_the_joint_s(fitted, cushioned, monkeypatch):
+@pytest.mark.parametrize(
+    ("fitted", "before", "cushioned"),
+    [
+        (1e-5, 7.0, True),
+        (4e-4, 7.0, False),
+        (1e-5, 5000.0, False),  # by the sensor that was at fault the motion showed another gap
+    ],
+)
+def test_a_gap_that_no_machine_keeps_open_is_the_joint_s(fitted, before, cushioned, monkeypatch):
     known(monkeypatch, lambda a: [Estimate(fitted, 0.9 * fitted, 1.1 * fitted)] * 2)
     nearest = attempt(["sensor_gain"], 6.0)
     nearest.hypotheses[0].body, nearest.hypotheses[0].direction = "instrument", "x"
-    for one in (nominal := attempt([], 7.0), nearest):
+    nearest.hypotheses[0].fault = "gain"
+    for one in (nominal := attempt([], before), nearest):
         one.fit.values = np.array([[fitted, 700.0]])
     explanation = Explanation(nominal, [nearest], agreed=("B", 5.5e-4))
     assert place_of(explanation) == (("joint_b", "normal") if cushioned else ("instrument", "x"))
