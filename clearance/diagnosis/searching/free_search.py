@@ -26,8 +26,8 @@ from clearance.diagnosis.hypotheses.missing_force import (
     effect_as_curves,
 )
 from clearance.diagnosis.searching.balance import suggest_names
-from clearance.diagnosis.searching.beside import beside
-from clearance.diagnosis.searching.elsewhere import rhythm_of
+from clearance.diagnosis.searching.beside import NEARLY, beside
+from clearance.diagnosis.searching.elsewhere import rhythm_of, seek_anew
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import shapes
 from clearance.diagnosis.searching.search import Search
@@ -48,6 +48,7 @@ _SAID = 0.2  # of a force's robust square that may be left where it is a functio
 _NAMED = 3  # named effects that are tried in the place of a table
 _LIKE = 2  # of those that would turn the crank as a table does
 _AS_GOOD = 1.1  # times the misfit of a named effect: a table that leaves no more may be too coarse alone
+_NO_WORSE = 1.5  # likewise: one that leaves no more may be right on a path of its own
 _PART = 0.3  # of the base's misfit: a direction that leaves less is not doubted any more
 
 
@@ -138,15 +139,19 @@ def fit_curve(search: Search, explanation: Explanation, curves: Sequence[Curve])
             return
 
 
-def reshape(search: Search, explanation: Explanation, best: Attempt) -> None:
+def reshape(search: Search, explanation: Explanation, best: Attempt) -> list[Attempt]:
     """Let a force of free form take the place of a named effect, where that explains more.
 
     Something else that acts much like it, on the same body, may be there in truth. The table begins as what
     the effect does, on its paths, which are nearly right.
+
+    Returns:
+        What came of the coarse tables that do not explain on these paths.
     """
+    coarse = list[Attempt]()
     place = (best.hypotheses[0].body, best.hypotheses[0].direction)
     if best.scale > ANNEALING[3] or len(best.hypotheses) > 1 or place not in PLACES:
-        return
+        return coarse
     nominal = search.setting.model()
     passes = []
     for follower, row in zip(best.followers, best.fit.values, strict=True):
@@ -160,7 +165,25 @@ def reshape(search: Search, explanation: Explanation, best: Attempt) -> None:
         if found is not None and not explained(explanation.best) and found.misfit < _AS_GOOD * best.misfit:
             refine_table(search, explanation, curve, found)
         if explained(explanation.best) and unnamed(explanation.best.hypotheses) is not None:
+            return []
+        if found is not None:
+            coarse.append(found)
+    return coarse
+
+
+def reshape_anew(search: Search, explanation: Explanation, base: Attempt, tables: Sequence[Attempt]) -> None:
+    """Fit tables that took the place of an effect on paths of their own, where its paths are not near.
+
+    These were followed with a force that is wrong: at some impacts they are torn, and there a table that is
+    right leaves as much as the effect does.
+    """
+    if base.misfit < NEARLY:
+        return
+    for table in sorted(tables, key=lambda one: one.misfit):
+        if explained(explanation.best) or search.late():
             return
+        if table.misfit < _NO_WORSE * base.misfit:
+            seek_anew(search, explanation, table.hypotheses, table.fit.values, table, again=False)
 
 
 def name_curve(search: Search, explanation: Explanation) -> None:

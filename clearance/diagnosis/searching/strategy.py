@@ -1,6 +1,7 @@
 """In which order explanations are tried: what is likely and cheap first, what is rare and dear last."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from itertools import takewhile
 
@@ -18,7 +19,13 @@ from clearance.diagnosis.searching.elsewhere import (
     rhythm_of,
 )
 from clearance.diagnosis.searching.explanation import Explanation, Suspected
-from clearance.diagnosis.searching.free_search import fit_curve, name_curve, reshape, suggest_curve
+from clearance.diagnosis.searching.free_search import (
+    fit_curve,
+    name_curve,
+    reshape,
+    reshape_anew,
+    suggest_curve,
+)
 from clearance.diagnosis.searching.from_motion import (
     begin_balanced,
     begin_beside,
@@ -223,8 +230,8 @@ def _search_all(
         faults = [h for h in prospects.unlikely if h.hypotheses[0].fault is not None]
         widen(search, explanation, nominal, faults)
 
-    def build_on(part: float = _PART) -> None:
-        before, base = nominal, _named(explanation)
+    def build_beside(part: float) -> None:
+        before, base = nominal, _unfinished(explanation, most)
         while (
             base not in built_on and _in_part(explanation, base, before, part) and len(base.hypotheses) < most
         ):
@@ -235,14 +242,14 @@ def _search_all(
                     begin_again(search, explanation)  # the smaller variant may have torn the paths
             if _enough(explanation) or search.late():
                 return
-            base = _named(explanation)
-            beside = look(search, explanation, base)
+            base = _unfinished(explanation, most)
+            beside, tables = look(search, explanation, base), list[Attempt]()
             if base is explanation.best and not beside.obvious:  # else something is there beside the name
-                reshape(search, explanation, base)
+                tables = reshape(search, explanation, base)
                 if _enough(explanation) or search.late():
                     return
-                if base is not _named(explanation):
-                    base = _named(explanation)
+                if base is not _unfinished(explanation, most):
+                    base = _unfinished(explanation, most)
                     beside = look(search, explanation, base)
             begin_beside(search, explanation, base)
             if settled(search, explanation, base):
@@ -257,12 +264,18 @@ def _search_all(
             if further and not settled(search, explanation, base):
                 begin_again(search, explanation)
             if beside.obvious and base is explanation.best and not settled(search, explanation, base):
-                reshape(search, explanation, base)
+                tables = reshape(search, explanation, base)
+            if not settled(search, explanation, base):
+                reshape_anew(search, explanation, base, tables)
             if base.misfit > FAR and not settled(search, explanation, base):
                 begin_inside(search, explanation, base)
             if not settled(search, explanation, base):
                 begin_elsewhere(search, explanation, base)
-            before, base = base, _named(explanation)
+            before, base = base, _unfinished(explanation, most)
+
+    def build_on(part: float = _PART) -> None:
+        with _aside(explanation, most):
+            build_beside(part)
 
     def share() -> None:
         build_on(SHARED)
@@ -356,6 +369,31 @@ def _named(explanation: Explanation) -> Attempt:
     named = min((a for a in explanation.standing if unnamed(a.hypotheses) is None), key=explanation.price)
     little = explanation.price(best) < _PART * explanation.price(named)
     return best if unnamed(best.hypotheses) is not None and little else named
+
+
+def _unfinished(explanation: Explanation, most: int) -> Attempt:
+    """As ``_named``; where that has as many effects as may be missing, the best one with fewer.
+
+    A second effect beside a right first one may take away some of what another one does, and not be there.
+    """
+    best = _named(explanation)
+    if len(best.hypotheses) < most or unnamed(best.hypotheses) is not None:
+        return best
+    named = (a for a in explanation.standing if unnamed(a.hypotheses) is None)
+    return min((a for a in named if len(a.hypotheses) < most), key=explanation.price)
+
+
+@contextmanager
+def _aside(explanation: Explanation, most: int) -> Iterator[None]:
+    """Within it no effects stand that are as many as may be missing and do not explain: others are sought."""
+    aside = [a for a in explanation.standing if len(a.hypotheses) >= most and not explained(a)]
+    for one in aside:
+        one.withdrawn = True
+    try:
+        yield
+    finally:
+        for one in aside:
+            one.withdrawn = False
 
 
 def _in_part(explanation: Explanation, attempt: Attempt, base: Attempt, part: float) -> bool:

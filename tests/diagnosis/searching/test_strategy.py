@@ -143,7 +143,7 @@ def test_two_parts_that_do_not_explain_are_followed_on_paths_of_their_own(monkey
 
     strategy = "clearance.diagnosis.searching.strategy."
     prospects = Prospects([], [], [], [], [])
-    for name in ("glaring", "enlarge", "reshape", "begin_elsewhere", "begin_clock"):
+    for name in ("glaring", "enlarge", "reshape", "reshape_anew", "begin_elsewhere", "begin_clock"):
         monkeypatch.setattr(strategy + name, lambda *_: None)
     monkeypatch.setattr(strategy + "look", lambda *_: prospects)
     monkeypatch.setattr(strategy + "widen", widen)
@@ -183,8 +183,8 @@ def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkey
     ]
     strategy = "clearance.diagnosis.searching.strategy."
     for name in (
-        "glaring", "enlarge", "reshape", "begin_elsewhere", "begin_again", "begin_clock", "begin_displaced",
-        "suggest_channels", "suggest_dimensions",
+        "glaring", "enlarge", "reshape", "reshape_anew", "begin_elsewhere", "begin_again", "begin_clock",
+        "begin_displaced", "suggest_channels", "suggest_dimensions",
     ):  # fmt: skip
         monkeypatch.setattr(strategy + name, lambda *_: {})
     none = Prospects([], [], [], [], [])
@@ -227,9 +227,9 @@ def fruitless(monkeypatch):
     """Every step finds nothing; returns the name of their module."""
     strategy = "clearance.diagnosis.searching.strategy."
     for name in (
-        "glaring", "enlarge", "reshape", "begin_elsewhere", "begin_again", "begin_inside", "begin_guide",
-        "begin_clock", "begin_dimensions", "begin_displaced", "begin_wear", "begin_plausible", "widen",
-        "fit_curve",
+        "glaring", "enlarge", "reshape", "reshape_anew", "begin_elsewhere", "begin_again", "begin_inside",
+        "begin_guide", "begin_clock", "begin_dimensions", "begin_displaced", "begin_wear", "begin_plausible",
+        "widen", "fit_curve",
     ):  # fmt: skip
         monkeypatch.setattr(strategy + name, lambda *_: None)
     for name in ("begin_balanced", "begin_pairs"):
