@@ -49,6 +49,7 @@ class FreeParameter:
         whole: whether it counts something.
         trials: values to begin a fit at.
         phrase: its part of the effect's sentence, around ``{value}``.
+        percent: whether people are told it in percent.
     """
 
     name: str
@@ -65,6 +66,7 @@ class FreeParameter:
     whole: bool = False
     trials: tuple[float, ...] = ()
     phrase: str = "{value}"
+    percent: bool = False
 
     def __post_init__(self) -> None:
         low, high = self.bounds
@@ -91,12 +93,19 @@ class FreeParameter:
         powers = [(*one.partition("^")[::2], sign) for one, sign in factors]
         return sum(sign * _SECONDS.get(name, 0) * int(power or 1) for name, power, sign in powers)
 
-    def text(self, value: float) -> str:
-        """The value with its unit, for people: lengths and times in millionths where they are small."""
-        unit = {"-": "", "deg": "°"}.get(self.unit, f" {self.unit}")
-        if self.unit in ("m", "s") and 0.0 < abs(value) < 1e-3:
-            value, unit = 1e6 * value, f" µ{self.unit}"
-        return f"{value:.4g}{unit}"
+    def text(self, value: float, low: float | None = None, high: float | None = None) -> str:
+        """The value with its interval, if there is one, and its unit, for people: 2.5 (2.3 to 2.7) mm."""
+        factor, unit = 1.0, {"-": "", "deg": "°"}.get(self.unit, f" {self.unit}")
+        if self.percent:
+            factor, unit = 100.0, " %"
+        if self.unit in ("m", "s") and 0.0 < abs(value) < 1.0:
+            factor, prefix = (1e6, "µ") if abs(value) < 1e-3 else (1e3, "m")
+            unit = f" {prefix}{self.unit}"
+        shown = f"{factor * value:.4g}"
+        if low is not None and high is not None and low < high:
+            between = f"{factor * low:.4g} to {factor * high:.4g}"
+            return f"{shown} ({between}){unit}" if unit.startswith(" ") else f"{shown}{unit} ({between})"
+        return f"{shown}{unit}"
 
 
 @dataclass(frozen=True)
@@ -258,7 +267,7 @@ class Effect:
         """The effect in plain words.
 
         Args:
-            values: of the parameters, as numbers or as finished text ("5.1 N (4.8 to 5.4)").
+            values: of the parameters, as numbers or as finished text ("5.1 (4.8 to 5.4) N").
             joint: the diagnosed one.
         """
         phrases = []

@@ -17,11 +17,11 @@ from clearance.diagnosis.judging.detectability import seen_beside
 from clearance.diagnosis.judging.evidence import gather_evidence
 from clearance.diagnosis.judging.held_out import ask, judge, speeds_near
 from clearance.diagnosis.judging.mismatch import Innovations, innovations, interval, root_mean_square, summary
+from clearance.diagnosis.judging.play import clearance_of
 from clearance.diagnosis.judging.true_seconds import machine_of, true_speed
 from clearance.diagnosis.judging.verdict import (
     FITTED,
     basis_of,
-    clearance_of,
     effects_of,
     free_form_of,
     gone,
@@ -155,7 +155,7 @@ def diagnose(
     if judged.shares:
         fit["held_out"]["shares"] = {name: round(share, 3) for name, share in judged.shares.items()}
     body, direction = place_of(explanation, after)
-    clearance, others = clearance_of(explanation), rivals(verdict, explanation)
+    (clearance, rests_on), others = clearance_of(explanation), rivals(verdict, explanation)
     named = effects_of(best, probabilities(explanation), basis) if verdict not in ("none", "unknown") else []
     here = seen_beside(search, best)
     score = explanation.hints[0].gain if explanation.hints else None
@@ -180,7 +180,7 @@ def diagnose(
         "fit": fit,
         "clearance": {
             "joint": joint, "misfit_by_joint": joints, "before_m": float(nominal.fit.values[0, 0]),
-            "after_m": clearance.value, "low_m": clearance.low, "high_m": clearance.high,
+            "after_m": clearance.value, "low_m": clearance.low, "high_m": clearance.high, "basis": rests_on,
         },
         "recordings": [
             {
@@ -192,7 +192,7 @@ def diagnose(
         ],
         "warnings": [
             *(
-                f"{one.name}: {', '.join(one.silent)} shows nothing but a constant and was left out"
+                f"{one.name}: left out, for showing nothing but a constant: {', '.join(one.silent)}"
                 for one in {o.name: o for o in (*recordings, *held_out)}.values() if one.silent
             ),
             *(

@@ -35,11 +35,9 @@ _UNITS = {
 }
 _UNHELD = 10.0  # times the largest force of a table: what is less sure than that is not known at all
 _SHAPELESS = 2.5  # times as unsure beside a table: root mean square of 12 errors of the plant over deviations
-_AGREED = 0.2  # of the clearance that the motion shows: what it may err by
 _FAR_NEARER = 0.5  # of the best misfit: what leaves less, if of one recording only, says more of the place
 _WITHIN = 2.0  # standard deviations of what the motion shows
 _LOST = 5.0  # misfit above which a path was lost: a model that is a little wrong leaves less
-_NEAR = 2.0  # times the best misfit: models that say as much of the clearance, where none explains
 
 
 @dataclass(frozen=True)
@@ -261,29 +259,6 @@ def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str
         return "ambiguous"
     kinds = {h.kind for h in best.hypotheses}
     return "mixed" if len(kinds) > 1 else kinds.pop()
-
-
-def clearance_of(explanation: Explanation) -> Estimate:
-    """The clearance [m]: of what explains the recordings, with its interval.
-
-    Where nothing does, the interval spans those of all models that are up to twice as far off as the nearest
-    one: what is missing may have moved each of them. A slider that leaves its line moves them further than
-    that; then it is the clearance at which the motion agrees between the rails, within what it may err by. So
-    it is where a gap was closed that the motion shows to be wide.
-    """
-    best = explanation.best
-    own = estimates(best)[0]
-    if explained(best) or best is explanation.shown:
-        return own
-    if cushioned(explanation):
-        assert explanation.agreed is not None
-        shown = explanation.agreed[1]
-        return Estimate(shown, (1.0 - _AGREED) * shown, (1.0 + _AGREED) * shown)
-    near = [explanation.nominal, *explanation.attempts]
-    each = [estimates(a)[0] for a in near if a.misfit <= _NEAR * best.misfit]
-    return Estimate(
-        own.value, min([own.low, *(e.low for e in each)]), max([own.high, *(e.high for e in each)])
-    )
 
 
 def probabilities(explanation: Explanation) -> dict[int, float]:

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import DAMPING, unnamed
+from clearance.diagnosis.judging.play import MOTION, NEAREST, clearance_of
 from clearance.diagnosis.judging.verdict import (
     argument_of,
-    clearance_of,
     cushioned,
     estimates,
     nearer,
@@ -18,9 +18,12 @@ from clearance.diagnosis.judging.verdict import (
     unconfirmed,
 )
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.significance import null_scores, suspicious
 from clearance.mechanism.applied_force import TabulatedForce
 
 _PUSHES = {"torque": "torque", "moment": "moment"}
+_TOWARDS = {"x": ", along x", "y": ", along y", "normal": ", normal to the bearing"}
+_LOST = 100.0  # times a perfect model's errors: the path was lost, and how far off it ended says nothing
 _HELPS = 0.99  # of the held-out error before: what leaves more is not said to lower it
 
 
@@ -34,17 +37,20 @@ def sentences(
 ) -> list[str]:
     """The diagnosis in plain words, the headline first; ``held_out`` as of ``verdict_of``."""
     best, nominal = explanation.best, explanation.nominal
-    before, after = nominal.fit.values[0, 0] * 1e3, clearance_of(explanation).value * 1e3
+    clearance, rests_on = clearance_of(explanation)
+    before, after = nominal.fit.values[0, 0] * 1e3, clearance.value * 1e3
     held = fit["held_out"]
+    without = f"{held['before']:.3g}" if held["before"] < _LOST else "more than 100, where its path is lost,"
+    them = {0: "it", 1: "it", 2: "both"}.get(len(best.hypotheses), "all of them")
     if verdict == "none":
         return [
             f"Nothing is missing that these recordings could show: the clearance of joint {joint} is "
             f"{after:.4f} mm, and one-step errors are those of the noise ({held['after']:.2f}, floor 1.00)."
         ]
-    gain = f"With it, held-out error falls from {held['before']:.3g} to {held['after']:.3g} (floor 1.00)"
+    gain = f"With {them}, held-out error falls from {without} to {held['after']:.3g} (floor 1.00)"
     if not held["after"] < _HELPS * held["before"]:
         gain = (
-            f"It does not help on held-out recordings, where errors are {held['after']:.3g} with it and "
+            f"It does not help on held-out recordings, where errors are {held['after']:.3g} with {them} and "
             f"{held['before']:.3g} without (floor 1.00)"
         )
     if "followed" in held:
@@ -67,11 +73,15 @@ def sentences(
     seen = f" in {', '.join(channels)}" if channels else ""
     if verdict == "unknown" and not best.hypotheses:
         body, direction = place_of(explanation, held_out)
-        guess = f" What comes nearest acts on the {body.replace('_', ' ')} ({direction})." if body else ""
+        guess = f" What comes nearest is {_acting(body, direction)}." if body else ""
+        shows = f"{f'It shows most{seen}.' if seen else 'No channel shows it alone.'}{guess}"
+        if explained(nominal):
+            return [*_small(explanation, joint, after, held["after"]), shows]
+        times = f"{held['before']:.3g}" if held["before"] < _LOST else "more than 100"
         return [
             "Something is missing that none of the tried hypotheses explains: the nominal model's errors are "
-            f"{held['before']:.3g} times those of a perfect one.",
-            f"{f'It shows most{seen}.' if seen else 'No channel shows it alone.'}{guess}",
+            f"{times} times those of a perfect one.",
+            shows,
             *_gap(explanation),
         ]
     lines = []
@@ -82,12 +92,11 @@ def sentences(
         law = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force
         argument = argument_of(law) if isinstance(law, TabulatedForce) else ""
         share = "" if explained(best) else "most of "
-        where = curve.body.replace("_", " ")
         what = (
-            f"a resistance to the journal's motion in {where}, by its closeness to the bearing,"
+            f"a resistance to the journal's motion in {_body(curve.body)}, by its closeness to the bearing,"
             if curve.direction == DAMPING
-            else f"a {_PUSHES.get(curve.direction, 'force')} on the {where} ({curve.direction}) that depends "
-            f"on {argument.replace('_', ' ')}{_rhythm(law)}"
+            else f"{_acting(curve.body, curve.direction)} that depends on {argument.replace('_', ' ')}"
+            f"{_rhythm(law)}"
         )
         lines.append(
             f"Something is missing that has no name here: {what} explains {share}the recordings; its table "
@@ -99,9 +108,9 @@ def sentences(
         if hypothesis.effect is not None:
             for i, unknown in enumerate(hypothesis.unknowns):
                 parameter, e = hypothesis.effect.parameter(unknown.name), values[place + i]
-                shown[unknown.name] = (
-                    f"{parameter.text(e.value)} ({parameter.text(e.low)} to {parameter.text(e.high)})"
-                )
+                # of a model that does not explain, intervals say nothing
+                sure = explained(best) or best is explanation.shown
+                shown[unknown.name] = parameter.text(e.value, *((e.low, e.high) if sure else ()))
             lines.append(hypothesis.effect.describe(shown, joint))
         place += count
     if verdict == "unknown" and curve is None:
@@ -109,8 +118,8 @@ def sentences(
         if nearer(explanation):
             body, direction = place_of(explanation, held_out)
             lines.append(
-                f"A force without a name on the {str(body).replace('_', ' ')} ({direction}) comes nearer to "
-                "one recording; no table of it was found that explains all."
+                f"Without a name, {_acting(str(body), direction)} comes nearer to one recording; no table of "
+                "it was found that explains all."
             )
     if verdict == "unknown":
         lines += _gap(explanation)
@@ -139,11 +148,49 @@ def sentences(
             "said."
         )
         gain = f"One-step errors remain ({held['after']:.3g}, floor 1.00)"
+    mismatch = f"The mismatch shows{seen}. " if seen else ""
+    if rests_on == MOTION and best is not explanation.shown:
+        lines.append(f"{mismatch}{gain}.")
+        return lines
+    near = " (the nearest models'; no 95 % interval)" if rests_on == NEAREST else ""
     lines.append(
-        f"{f'It shows{seen}. ' if seen else ''}{gain} and the clearance estimate changes from {before:.4f} "
-        f"to {after:.4f} mm."
+        f"{mismatch}{gain} and the clearance estimate changes from {before:.4f} to {after:.4f} mm{near}."
     )
     return lines
+
+
+def _small(explanation: Explanation, joint: str, clearance: float, error: float) -> list[str]:
+    """Of a nominal machine that explains what was fitted, why nothing missing is not what is said."""
+    if suspicious(explanation) and error < EXPLAINED:
+        hint = explanation.hints[0] if explanation.hints else None
+        most = null_scores()[-1]
+        promise = (
+            f"{hint.label} promises more ({hint.gain:.0f}) than any effect did on machines that lack nothing "
+            f"({most:.0f} at most)"
+            if hint is not None and hint.gain > most
+            else f"what is left ({explanation.nominal.misfit:.2f}) is more than on machines that lack nothing"
+        )
+        return [
+            "The recordings are explained to within their noise, and yet something small may be missing: "
+            f"{promise}. No effect was sure enough to be named. Without one, the clearance of joint "
+            f"{joint} is {clearance:.4f} mm."
+        ]
+    return [
+        "Something is missing that none of the tried hypotheses explains: what was fitted is explained as it "
+        f"is, what was held out is not (errors {error:.3g}, floor 1.00)."
+    ]
+
+
+def _body(name: str) -> str:
+    """Of the machine, in plain words: joint_b is joint B."""
+    return f"joint {name[-1].upper()}" if name.startswith("joint_") else f"the {name.replace('_', ' ')}"
+
+
+def _acting(body: str, direction: str | None) -> str:
+    """What acts on a body in a direction, in plain words."""
+    if body == "instrument":
+        return "a fault of an instrument"
+    return f"a {_PUSHES.get(str(direction), 'force')} on {_body(body)}{_TOWARDS.get(str(direction), '')}"
 
 
 def _rhythm(law: object) -> str:

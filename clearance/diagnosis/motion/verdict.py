@@ -28,9 +28,7 @@ class Estimate:
 
     def text(self, effect: Effect, name: str) -> str:
         """For people, as the effect writes its parameter."""
-        parameter = effect.parameter(name)
-        low, high = (parameter.text(v) for v in (self.low, self.high))
-        return f"{parameter.text(self.value)} ({low} to {high})"
+        return effect.parameter(name).text(self.value, self.low, self.high)
 
 
 def estimates(attempt: Attempt, term: Term) -> dict[str, Estimate]:

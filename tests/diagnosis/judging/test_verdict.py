@@ -14,11 +14,11 @@ from clearance.diagnosis.hypotheses.free_form import (
     resisting,
 )
 from clearance.diagnosis.hypotheses.hypothesis import Setting
-from clearance.diagnosis.judging import verdict, words
+from clearance.diagnosis.judging import play, verdict, words
+from clearance.diagnosis.judging.play import clearance_of
 from clearance.diagnosis.judging.verdict import (
     Estimate,
     basis_of,
-    clearance_of,
     effects_of,
     equivalents,
     free_form_of,
@@ -66,7 +66,7 @@ def attempt(names, misfit, kind="physics", off=0.0, each=(), typical=()):
 
 def known(monkeypatch, numbers):
     """Let every attempt's numbers be known."""
-    for module in (verdict, words):
+    for module in (verdict, words, play):
         monkeypatch.setattr(module, "estimates", numbers)
 
 
@@ -168,12 +168,12 @@ def test_an_explanation_that_only_adds_to_the_best_one_is_no_rival():
 @pytest.mark.parametrize(("misfit", "expected"), [(1.0, (3.0, 2.9, 3.1)), (4.0, (3.0, 1.9, 4.1))])
 def test_where_nothing_explains_the_clearance_spans_what_comes_near(misfit, expected, monkeypatch):
     places = {"gravity": 3.0, "slider_spring": 2.0, "soft_drive": 4.0, "torque_ripple": 9.0, "": 9.5}
-    monkeypatch.setattr(verdict, "estimates", lambda a: [
+    monkeypatch.setattr(play, "estimates", lambda a: [
         Estimate(c, c - 0.1, c + 0.1) for c in [places["".join(h.name for h in a.hypotheses)]]
     ])  # fmt: skip
     near = [attempt(["slider_spring"], 1.5 * misfit), attempt(["soft_drive"], 1.9 * misfit)]
     far = attempt(["torque_ripple"], 2.1 * misfit)
-    found = clearance_of(Explanation(attempt([], 50.0), [attempt(["gravity"], misfit), *near, far]))
+    found = clearance_of(Explanation(attempt([], 50.0), [attempt(["gravity"], misfit), *near, far]))[0]
     assert (found.value, found.low, found.high) == pytest.approx(expected)
 
 
@@ -194,8 +194,9 @@ def test_a_gap_that_no_machine_keeps_open_is_the_joint_s(fitted, before, cushion
         one.fit.values = np.array([[fitted, 700.0]])
     explanation = Explanation(nominal, [nearest], agreed=("B", 5.5e-4))
     assert place_of(explanation) == (("joint_b", "normal") if cushioned else ("instrument", "x"))
-    found = clearance_of(explanation)
+    found, rests_on = clearance_of(explanation)
     assert (found.low < 6.3e-4 < found.high) == cushioned
+    assert rests_on == ("motion" if cushioned else "nearest models")
     told = " ".join(
         sentences("unknown", explanation, "B", {"held_out": {"before": 2.0, "after": 1.9}}, ["rod_b_axial"])
     )
@@ -223,7 +224,7 @@ def test_what_fills_a_gap_is_told_as_a_resistance_along_the_contracts_direction(
     np.testing.assert_allclose(np.array(told["high"][5:]) - told["low"][5:], 3.92 * 0.1)
     fit = {"held_out": {"before": 9.0, "after": 1.0}}
     said = sentences("unknown", explanation, "C", fit, ["rod_c_axial"])
-    assert "resistance to the journal's motion in joint c" in said[0]
+    assert "resistance to the journal's motion in joint C" in said[0]
     law = hypothesis.apply(SliderCrank(joint_c=Joint(4e-4)), sizes).force
     assert (law.direction, law.argument) == (DAMPING, "closeness_c")
     assert all(u.low == 0.0 and u.log for u in hypothesis.unknowns)  # it never pushes
@@ -246,16 +247,17 @@ def test_what_the_motion_alone_shows_is_asserted_where_nothing_is_followed(misfi
     explanation = Explanation(attempt([], 50.0), [best], shown=between_rails())
     if followed:
         sure = [Estimate(5e-4, 4.9e-4, 5.1e-4), Estimate(2.0, 1.9, 2.1)]
-        monkeypatch.setattr(verdict, "estimates", lambda _: sure)
+        known(monkeypatch, lambda _: sure)
     withdraw(explanation)
     held_out = attempt(["guide_clearance"], 80.0)
     assert verdict_of(explanation, held_out) == ("unknown" if followed else "physics")
     if followed:
         assert explanation.best is best
         assert place_of(explanation) == ("rod", "x")
-        assert clearance_of(explanation).value == 5e-4
+        assert clearance_of(explanation)[0].value == 5e-4
         return
-    found = clearance_of(explanation)
+    found, rests_on = clearance_of(explanation)
+    assert rests_on == "motion"
     assert place_of(explanation) == ("slider", "y")
     assert (found.value, found.low, found.high) == pytest.approx((1e-4, 0.85e-4, 1.15e-4))
     (effect,) = effects_of(explanation.best, probabilities(explanation), basis_of(explanation))
