@@ -81,6 +81,8 @@ def _missing_force(search: Search, along: Attempt) -> list[dict[str, Any]]:
     free = search.loosened(along)
     found = []
     for trace, follower, one in zip(search.traces, free.followers, free.fit.passes, strict=True):
+        if not follower.path.inputs.any():  # no force was found with which it is followed better
+            continue
         middle = one.signals[:, one.signals.shape[1] // 2]
         angle = np.degrees(middle[:, Signal.CRANK_ANGLE] % (2.0 * np.pi))
         inputs = follower.path.inputs
@@ -137,10 +139,10 @@ def _ranking(explanation: Explanation, verdict: str) -> list[dict[str, Any]]:
         rows.append(
             {
                 "name": " + ".join(h.label for h in attempt.hypotheses),
-                "kind": attempt.hypotheses[-1].kind,
+                "kind": _kind(attempt),
                 "log_likelihood_gain": 0.5 * fall,
                 "p_value": None,  # chance is known of what a look promises, not of what a fit takes away
-                "parameters": {k: v for e in effects for k, v in e["parameters"].items()},
+                "parameters": _parameters(attempt, effects),
                 "asserted": attempt is best and (verdict != "unknown" or attempt is explanation.shown),
                 "note": f"misfit {attempt.misfit:.3g} (1 is perfect)"
                 + (
@@ -161,6 +163,22 @@ def _ranking(explanation: Explanation, verdict: str) -> list[dict[str, Any]]:
                 }
             )  # fmt: skip
     return rows
+
+
+def _kind(attempt: Attempt) -> str:
+    kinds = {hypothesis.kind for hypothesis in attempt.hypotheses}
+    return kinds.pop() if len(kinds) == 1 else "mixed"
+
+
+def _parameters(attempt: Attempt, effects: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Of all effects of an attempt; where two have one of the same name, with the effect that it is of."""
+    names = [name for effect in effects for name in effect["parameters"]]
+    found = {}
+    for hypothesis, effect in zip(attempt.hypotheses, effects, strict=True):
+        whose = " of ".join(filter(None, (hypothesis.name, hypothesis.channel)))
+        for name, value in effect["parameters"].items():
+            found[f"{whose}: {name}" if names.count(name) > 1 else name] = value
+    return found
 
 
 def _overlays(before: Attempt, after: Attempt) -> list[dict[str, Any]]:

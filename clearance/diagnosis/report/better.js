@@ -13,7 +13,7 @@ function better() {
     const box = card(row, "Error on held-out data");
     if (dict(DIAGNOSIS.fit).metric) box.append(h("p", { class: "hint" }, String(DIAGNOSIS.fit.metric)));
     const path = (key) => ["fit", "held_out", key];
-    bars(box, "Error on held-out data", [{ label: RIGHT ? "model" : "before", path: path("before"), style: RIGHT ? "after" : "before" }, { label: "corrected", path: path("after"), style: "after", low: path("low"), high: path("high") },
+    bars(box, "Error on held-out data", [...(RIGHT ? [] : [{ label: "before", path: path("before"), style: "before" }]), { label: RIGHT ? "model" : "corrected", path: path("after"), style: "after", low: path("low"), high: path("high") },
       { label: "floor", path: path("floor"), style: "floor", within: [path("low"), path("high")] }], { rule: path("floor") });
     if (isNumber(held.floor)) box.append(h("p", { class: "hint" }, `The floor is what a perfect model scores${isNumber(held.low) ? "; the whisker is the 95 % interval" : ""}.`));
   }
@@ -35,7 +35,7 @@ function clearancePicture(parent, clearance) {
     const left = Math.min(84, Math.max(74, width * 0.26)), x = axis([ends[0] - pad, ends[1] + pad], [left, width - 74], { count: 4 }), svg = canvas(width, 118);
     for (const value of x.ticks) svg.append(s("line", { class: "grid", x1: x(value), x2: x(value), y1: 6, y2: 84 }), s("text", { class: "tick", x: x(value), y: 100, "text-anchor": "middle" }, tickText(value, x.ticks)));
     svg.append(s("text", { class: "axis-label", x: width, y: 100, "text-anchor": "end" }, "[mm]"));
-    [["before", before, "before_m", 26], ["corrected", after, "after_m", 62]].forEach(([name, value, key, y]) => {
+    [...(RIGHT ? [] : [["before", before, "before_m", 26]]), [RIGHT ? "model" : "corrected", after, "after_m", RIGHT ? 44 : 62]].forEach(([name, value, key, y]) => {
       if (value === null) return;
       const style = name === "before" ? "before" : "after";
       svg.append(s("text", { class: "bar-label", x: left - 12, y: y + 5, "text-anchor": "end" }, name));
@@ -46,14 +46,14 @@ function clearancePicture(parent, clearance) {
   });
 }
 
-// How well each clearance explains the recordings, everything else fitted anew.
+// How badly the motion alone, without any force, agrees with each clearance: where the search began.
 function clearanceProfile(parent, profile, clearance) {
   const pairs = list(profile.clearance_m).map((value, index) => [value, list(profile.misfit)[index]]).filter(([value, misfit]) => isNumber(value) && misfit > 0).sort((a, b) => a[0] - b[0]);
   if (pairs.length < 3) return;
   const best = isNumber(clearance.after_m) ? clearance.after_m : pairs.reduce((a, b) => (b[1] < a[1] ? b : a))[0];
   const [low, high] = extent(pairs.map((pair) => pair[1]));
-  curves(parent, { label: "Misfit over the clearance", zoom: false, x: { label: "clearance", unit: "mm", marks: [{ x: best * 1000, label: text(best * 1000, 4) }] }, panels: [{ label: "misfit, 1 is perfect", log: high > 20 * low, height: 130,
-    series: [{ name: "profile", label: "misfit", style: "after", x: pairs.map((pair) => pair[0] * 1000), y: pairs.map((pair) => pair[1]) }] }] });
+  curves(parent, { label: "Disagreement of the motion alone over the clearance", zoom: false, x: { label: "clearance", unit: "mm", marks: [{ x: best * 1000, label: text(best * 1000, 4) }] }, panels: [{ label: "disagreement of the motion alone", log: high > 20 * low, height: 130,
+    series: [{ name: "profile", label: "disagreement", style: "after", x: pairs.map((pair) => pair[0] * 1000), y: pairs.map((pair) => pair[1]) }] }] });
 }
 
 function impacts(parent, runs) {

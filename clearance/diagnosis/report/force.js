@@ -15,7 +15,8 @@ const acting = (one) => `${isTurning(one.direction) ? words(one.direction) : "fo
 function missingForce(block) {
   const forces = list(EVIDENCE.missing_force).filter((one) => list(one?.time_s).length > 1 && list(one.value).length === one.time_s.length);
   if (!forces.length) return;
-  const box = card(block, `What the model lacks: ${acting(forces[0])}`, "missing-force");
+  const lead = RIGHT ? "Unknown force that would still help" : "What the model lacks";
+  const box = card(block, `${lead}: ${acting(forces[0])}`, "missing-force");
   const heading = box.querySelector("h3"), stage = h("div", {}), controls = h("div", { class: "controls" });
   let force = forces[0], view = "time";
   const views = Object.keys(AXES).filter((name) => forces.some((one) => list(one[AXES[name].key]).length > 1));
@@ -26,7 +27,7 @@ function missingForce(block) {
 
   function show() {
     stage.replaceChildren();
-    heading.textContent = `What the model lacks: ${acting(force)}`;
+    heading.textContent = `${lead}: ${acting(force)}`;
     const { key, ...x } = AXES[view], at = list(force[key]);
     if (at.length !== force.value.length) { stage.append(h("p", { class: "hint" }, "Not known here.")); return; }
     const panel = { label: isTurning(force.direction) ? `missing ${words(force.direction)}` : "missing force", unit: force.unit, height: 240, zero: true };

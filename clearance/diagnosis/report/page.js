@@ -34,6 +34,8 @@ function ranges(path, unit) {
 
 // ---- head
 
+const RESTS = { "nearest models": "no 95 % interval; the nearest models' ", motion: "by the motion alone, " }; // what the clearance's interval is where no model explains
+
 function head() {
   const recordings = list(DIAGNOSIS.recordings);
   const line = document.getElementById("recordings");
@@ -45,17 +47,17 @@ function head() {
   const change = (from, to) => [from && h("span", { class: "from" }, from), from && to && h("span", { class: "arrow-to", "aria-label": "to" }, "→"), to && h("span", { class: "to" }, to)];
   if (isNumber(held.before) || isNumber(held.after)) {
     const within = isNumber(held.low) && isNumber(held.high) ? [held.low, held.high] : null;
-    figures.push(["Error on held-out data", change(isNumber(held.before) && number(["fit", "held_out", "before"]), isNumber(held.after) && number(["fit", "held_out", "after"], { within })),
+    figures.push(["Error on held-out data", change(isNumber(held.before) && !RIGHT && number(["fit", "held_out", "before"]), isNumber(held.after) && number(["fit", "held_out", "after"], { within })),
       isNumber(held.floor) ? ["a perfect model scores ", number(["fit", "held_out", "floor"], { within })] : ""]);
   }
   if (isNumber(clearance.before_m) || isNumber(clearance.after_m)) {
     const limits = [clearance.low_m, clearance.high_m].map((value) => (isNumber(value) ? value * 1000 : null));
     const options = { scale: 1000, within: limits.every(isNumber) ? limits : null };
     figures.push([`Clearance${clearance.joint ? ` in joint ${clearance.joint}` : ""}`,
-      [change(isNumber(clearance.before_m) && number(["clearance", "before_m"], options), isNumber(clearance.after_m) && number(["clearance", "after_m"], options)), h("small", {}, "mm")],
-      options.within ? ["95 % interval ", number(["clearance", "low_m"], options), "–", number(["clearance", "high_m"], options), " mm"] : ""]);
+      [change(isNumber(clearance.before_m) && !RIGHT && number(["clearance", "before_m"], options), isNumber(clearance.after_m) && number(["clearance", "after_m"], options)), h("small", {}, "mm")],
+      options.within ? [RESTS[clearance.basis] ?? "95 % interval ", number(["clearance", "low_m"], options), "–", number(["clearance", "high_m"], options), " mm"] : ""]);
   } else if (isNumber(clearance.high_m)) figures.push([`Clearance${clearance.joint ? ` in joint ${clearance.joint}` : ""}`, ["below ", number(["clearance", "high_m"], { scale: 1000 }), h("small", {}, "mm")], "the recordings show no more than this bound"]);
-  if (isNumber(mismatch.p_value)) figures.push(["Chance of this if nothing were missing", number(["mismatch", "p_value"]), mismatch.detected === false ? "not unusual" : ""]);
+  if (isNumber(mismatch.p_value)) figures.push(["Chance of this if nothing were missing", number(["mismatch", "p_value"]), mismatch.detected !== false ? (mismatch.p_value < 0.011 ? "no machine that lacks nothing looked like this" : "seldom on machines that lack nothing") : mismatch.p_value < 0.05 ? "too small a sign to be asserted" : "not unusual"]);
   document.getElementById("key-figures").append(...figures.map(([name, value, note]) => h("div", { class: "figure" }, h("div", { class: "name" }, name), h("div", { class: "value" }, value), h("div", { class: "note" }, note))));
 
   const speed = (value, path) => (Array.isArray(value) ? join(value.map((_, index) => number([...path, index])), "–") : number(path));
@@ -70,10 +72,11 @@ function head() {
 
 const DIRECTIONS = { x: "x, to the right in the drawing", y: "y, upward in the drawing" };
 const REGIMES = { contact: "while the joint is in contact", flight: "while the joint is in free flight", sliding: "while it slides", all: "in contact and in flight alike" };
+const UNCONFIRMED = DIAGNOSIS.verdict === "unknown" && dict(DIAGNOSIS.mismatch).detected === false;
 
 function where() {
   const mismatch = dict(DIAGNOSIS.mismatch), detected = mismatch.detected !== false && DIAGNOSIS.verdict !== "none";
-  const block = section("where", "Where", detected ? null : "No channel, angle or frequency stands out from the noise.");
+  const block = section("where", "Where", detected ? null : UNCONFIRMED ? "In the recordings that were fitted nothing stands out from the noise." : "No channel, angle or frequency stands out from the noise.");
   const scene = h("div", { class: "scene" });
   block.append(scene);
   const stage = h("div", { class: "stage" });
@@ -84,15 +87,15 @@ function where() {
     const sensors = faultyChannels();
     if (sensors.length) fact("Sensor", sensors.map(words).join(", "));
     else if (mismatch.body) fact("Body", BODIES[mismatch.body] ?? words(mismatch.body));
-    if (mismatch.direction && !sensors.length) fact("Direction", DIRECTIONS[mismatch.direction] ?? words(mismatch.direction));
+    if (mismatch.direction && !sensors.length && mismatch.body !== "instrument") fact("Direction", DIRECTIONS[mismatch.direction] ?? words(mismatch.direction));
     if (mismatch.regime) fact("When", REGIMES[mismatch.regime] ?? words(mismatch.regime));
-    if (list(mismatch.crank_angle_deg).length) fact("Crank angle", ranges(["mismatch", "crank_angle_deg"], "°"));
-    if (list(mismatch.frequency_hz).length) fact("Frequency", ranges(["mismatch", "frequency_hz"], "\u00a0Hz"));
+    if (list(mismatch.crank_angle_deg).length) fact("Strongest at a crank angle of", ranges(["mismatch", "crank_angle_deg"], "°"));
+    if (list(mismatch.frequency_hz).length) fact("Strongest at a frequency of", ranges(["mismatch", "frequency_hz"], "\u00a0Hz"));
     const weights = Object.entries(dict(mismatch.channels)).filter(([, weight]) => isNumber(weight)).sort((a, b) => b[1] - a[1]);
     const most = Math.max(...weights.map(([, weight]) => weight), 1e-12);
     if (weights.length) fact("Channels, by their share", h("ul", { class: "weights" }, weights.slice(0, 6).map(([name, weight]) => h("li", {}, h("span", {}, words(name)), " ", number(["mismatch", "channels", name], { digits: 2 }),
       s("svg", { viewBox: "0 0 100 4", preserveAspectRatio: "none", "aria-hidden": "true" }, s("rect", { class: "track", width: 100, height: 4, rx: 2 }), s("rect", { class: "bar culprit", width: (100 * weight) / most, height: 4, rx: 2 }))))));
-  } else fact("Result", "The model explains the recordings to within their noise.");
+  } else fact("Result", UNCONFIRMED ? "The model explains the recordings that were fitted to within their noise; what was held out could not be followed." : "The model explains the recordings to within their noise.");
   if (facts.children.length) scene.append(facts);
   mechanismDrawing(stage);
   if (filled(EVIDENCE.where)) {
@@ -181,7 +184,7 @@ function checks() {
     const box = card(row, "Size of the innovations");
     const path = (key) => ["checks", "normalised_innovation_squared", key], options = { source: "evidence", digits: 4 };
     box.append(h("p", { class: "big" }, number(path("value"), options), " ", isNumber(nis.low) && h("span", { class: `state ${fine ? "good" : "bad"}` }, fine ? "as expected" : "not as expected")),
-      isNumber(nis.low) ? h("p", { class: "hint" }, "normalised innovation squared; a right model lies in ", number(path("low"), options), "–", number(path("high"), options)) : h("p", { class: "hint" }, "normalised innovation squared"));
+      isNumber(nis.low) ? h("p", { class: "hint" }, "normalised innovation squared, of the quieter nine tenths; a right model lies in ", number(path("low"), options), "–", number(path("high"), options)) : h("p", { class: "hint" }, "normalised innovation squared"));
   }
   if (isNumber(found.halving_the_step)) {
     const box = card(row, "Error of the solver");

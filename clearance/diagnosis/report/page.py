@@ -33,6 +33,7 @@ VERDICTS: Mapping[str, str] = {
     "unknown": "Something is missing that no known effect explains",
     "ambiguous": "These sensors cannot tell the causes apart",
     "open": "No verdict was reached",  # an interrupted diagnosis: what was found so far
+    "unconfirmed": "Nothing was found, and nothing was confirmed on what was held out",
 }
 
 
@@ -55,7 +56,9 @@ def render_report(diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> 
     """Return the page as text."""
     found = _plain(diagnosis)
     verdict = found.get("verdict") if found.get("verdict") in VERDICTS else "open"
-    summary = [str(sentence) for sentence in found.get("summary") or []] or [f"{VERDICTS[verdict]}."]
+    lost = verdict == "unknown" and (found.get("mismatch") or {}).get("detected") is False
+    badge = VERDICTS["unconfirmed" if lost else str(verdict)]
+    summary = [str(sentence) for sentence in found.get("summary") or []] or [f"{badge}."]
     style = _part("report.css")
     script = "(() => {\n" + "\n".join(_part(name) for name in SCRIPTS) + "\n})();\n"
     return Template(_part("template.html")).substitute(
@@ -66,7 +69,7 @@ def render_report(diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> 
             f"style-src '{_digest(style)}'; script-src '{_digest(script)}'"
         ),
         verdict=verdict,
-        badge=html.escape(VERDICTS[verdict]),
+        badge=html.escape(badge),
         headline=html.escape(summary[0]),
         sentences="\n".join(f"<p>{html.escape(sentence)}</p>" for sentence in summary[1:]),
         warnings=_warnings([str(warning) for warning in found.get("warnings") or []]),

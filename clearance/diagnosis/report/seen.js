@@ -7,7 +7,7 @@ function detectable() {
   const own = list(here.effects).filter((effect) => effect?.name !== undefined);
   const mapped = clearances.length > 0 && speeds.length > 0 && effects.length > 0;
   if (!mapped && !own.length) return;
-  const block = section("seen", "What could be seen", "The smallest size of each effect that these sensors can show, nine times out of ten at a false alarm rate of 5 %. Below it an effect cannot be seen here, which is not the same as absent.");
+  const block = section("seen", "What could be seen", "The smallest size of each effect that these sensors can show, nine times out of ten at a false alarm rate of 5 %. Beside a model that is otherwise right a diagnosis asserts from about 2.4 times that size, where neither chance nor another integrator's errors reach. Below it an effect cannot be seen here, which is not the same as absent.");
   if (own.length) ownSizes(card(block, "In these recordings"), own);
   if (mapped) sizeMap(card(block, `Any recording of ${isNumber(map.seconds) ? `${text(map.seconds)} s` : "this length"}${isNumber(map.noise) ? ` at ${text(100 * map.noise)} % noise` : ""}`, "detectability"), map, here, effects, sets);
 }

@@ -42,12 +42,15 @@ class Follower:
         measured: the recording.
         integrator: how the segments are run.
         input_sigma: (inputs,) standard deviation of the unknown forces, constant over a segment.
+        nudge: share of these by which derivatives are taken: near a path small ones are right, far from it
+            large ones lead further.
         path: present nodes and inputs.
     """
 
     measured: Measured
     integrator: Integrator
     input_sigma: np.ndarray
+    nudge: float = 1.0
     path: Path = field(init=False)
     signals: np.ndarray = field(init=False)
 
@@ -72,7 +75,7 @@ class Follower:
 
     def part(self, first: int, last: int) -> "Follower":
         """A follower of segments ``first`` to ``last`` alone, with its own copy of their path."""
-        small = Follower(self.measured.part(first, last), self.integrator, self.input_sigma)
+        small = Follower(self.measured.part(first, last), self.integrator, self.input_sigma, self.nudge)
         small.path = Path(self.path.nodes[first:last].copy(), self.path.inputs[first:last].copy())
         return small
 
@@ -276,6 +279,9 @@ class Follower:
                 target[:, :, :, :filtered, places] = changed[..., lanes] - changed[..., :1]
                 target[:, 1][:, :, filtered:, places] = samples[..., lanes] - samples[..., :1]
             flow[:, :, group] = (ends[:, 1:] - ends[:, :1])[:, :, chart.rows].swapaxes(1, 2)
+        nz = len(chart.rows)
+        flow[:, :, nz:nv] /= self.nudge
+        jacobian[..., nz:nv] /= self.nudge
         assert nominal is not None
         return nominal
 
@@ -299,7 +305,7 @@ class Follower:
             if task < nz:
                 varied[run], change[run] = chart.rows[task], chart.units[task]
             elif task < free:
-                p[rows[task - nz], run] += self.input_sigma[task - nz]
+                p[rows[task - nz], run] += self.nudge * self.input_sigma[task - nz]
             else:
                 p[:, run] = varying[task].parameters()
         for row in _SMOOTHING:  # of a law that is switched on for another run

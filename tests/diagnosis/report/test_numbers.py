@@ -47,7 +47,10 @@ def test_every_number_on_the_page_is_the_diagnosis_number_rounded(show, name):
         wanted.add(f"effects.{position}.probability")
         for parameter in effect["parameters"]:
             wanted |= {f"effects.{position}.parameters.{parameter}.{key}" for key in ("value", "low", "high")}
-    assert wanted | set(held_out[:3]) <= keys
+    wanted |= set(held_out[:3])
+    if diagnosis["verdict"] == "none":  # there is one model: what it was before is what it is
+        wanted -= {"fit.held_out.before", "clearance.before_m"}
+    assert wanted <= keys
 
 
 def test_numbers_of_any_size_are_written_without_losing_them(show):
