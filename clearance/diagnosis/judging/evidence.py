@@ -19,6 +19,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.layout import Signal, State
 
 _SHOWN = 1500  # samples of an overlay
+_DRAWS = 100  # of unknown forces from what is known of them: their scatter is the band
 _HINTS = 15  # hypotheses of the ranking that were not fitted
 _BODIES = (("crank", "torque", "N m"), ("rod", "moment", "N m"), ("slider", "x", "N"))
 
@@ -79,16 +80,18 @@ def gather_evidence(
 def _missing_force(search: Search, along: Attempt) -> list[dict[str, Any]]:
     """Unknown forces beside the nominal model on the paths of an attempt: what it lacks, with 95 % bands."""
     free = search.loosened(along)
+    random = np.random.default_rng(0)
     found = []
     for trace, follower, one in zip(search.traces, free.followers, free.fit.passes, strict=True):
         if not follower.path.inputs.any():  # no force was found with which it is followed better
             continue
         middle = one.signals[:, one.signals.shape[1] // 2]
         angle = np.degrees(middle[:, Signal.CRANK_ANGLE] % (2.0 * np.pi))
-        inputs = follower.path.inputs
-        scatter = 1.4826 / np.sqrt(2.0) * np.median(np.abs(np.diff(inputs, axis=0)), axis=0)
+        inputs, count = follower.path.inputs, len(follower.input_sigma)
+        drawn = np.array([one.draw(random)[:, -count:] for _ in range(_DRAWS)])
+        deviation = drawn.std(axis=0) * follower.input_sigma
         for i, (body, direction, unit) in enumerate(_BODIES):
-            value, half = inputs[:, i], 1.96 * scatter[i]
+            value, half = inputs[:, i], 1.96 * deviation[:, i]
             found.append(
                 {
                     "recording": trace.measured.name, "body": body, "direction": direction, "unit": unit,

@@ -196,6 +196,11 @@ def diagnose(
                 for one in {o.name: o for o in (*recordings, *held_out)}.values() if one.silent
             ),
             *(
+                f"{one.name}: its accelerations have no noise to speak of, as simulations have none; 1 % "
+                "of the signal was added, or errors of the simulator would count as something missing."
+                for one in {o.name: o for o in (*recordings, *held_out)}.values() if one.noiseless
+            ),
+            *(
                 ["What explains the fitted recordings does not explain the held-out ones."]
                 if verdict != verdict_of(explanation) else []
             ),

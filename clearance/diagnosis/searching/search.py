@@ -248,7 +248,7 @@ class Search:
         values = attempt.fit.values[:, [0, -1]]
         # where the nominal machine follows, forces are small: nothing has to be smoothed first
         small = explained(attempt) and not attempt.hypotheses
-        scales = ANNEALING[3:4] if small else ANNEALING[2:4]
+        scales = ANNEALING[3:] if small else ANNEALING[2:4]
         return loosen(self.setting.model(), values, attempt.followers, forces, scales, self.workers)
 
     def others(self, base: Attempt) -> list[list[Hypothesis]]:

@@ -1,7 +1,8 @@
 """A recording as the estimator sees it: cut into segments, with its filter and its noise."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from zlib import crc32
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -24,6 +25,9 @@ _REPEATED, _OUTER, _NEXT = (
     0.9,
     4,
 )  # times as often as values near it; share of it, or levels, that are near
+_LEAST, _ADDED = 1e-4, 0.01
+"""Shares of a channel's standard deviation: noise below which no sensor made a recording, and the
+noise that is added there, so that errors of the simulator do not pass for something missing."""
 _ROUNDED = 4.7  # times the noise of a count: more than its rounding alone shows in third differences
 _NOISE = np.random.default_rng(0).normal(size=(4096, len(Signal)))
 _PACE = {  # power of the clock's unit of time in a channel; 2 for accelerations and torques
@@ -72,6 +76,8 @@ class Measured:
         weights: see ``filter_weights``.
         limits: (channels,) at which each stops, see ``limit``; infinite where it does not.
         silent: channels that were left out because they are constant.
+        noiseless: whether its accelerations had no noise to speak of, as simulations have none: some was
+            added.
         clock: what a clock that all recordings share shows where the whole recording begins [s].
         period: after which something repeats by that clock, and which is followed whole [s]; 0: nothing does.
     """
@@ -87,6 +93,7 @@ class Measured:
     weights: np.ndarray
     limits: np.ndarray
     silent: tuple[str, ...] = ()
+    noiseless: bool = False
     clock: float = 0.0
     period: float = 0.0
 
@@ -121,11 +128,18 @@ class Measured:
             limit(told[:, i]) if s < Signal.CRANK_ANGLE else np.inf for i, s in enumerate(signals)
         ])  # fmt: skip
         sigma = np.array([noise_level(told[:, i], s, limits[i]) for i, s in enumerate(signals)])
+        noiseless = _noiseless(told, sigma, signals)
+        if noiseless.any():
+            size = told.std(axis=0)
+            added = np.where(noiseless, _ADDED * np.maximum(size, np.median(size[noiseless])), 0.0)
+            random = np.random.default_rng(crc32(told.tobytes()))
+            values = values + added * random.normal(size=values.shape)
+            sigma = np.hypot(sigma, added)
         cut = values[: segments * SAMPLES].reshape(segments, SAMPLES, len(known))
         weights = filter_weights(chain, SAMPLES, REACH)
         return Measured(
             name, cut, cut.reshape(-1, len(known)), 0, tuple(known), signals, sigma, chain, weights, limits,
-            silent,
+            silent, bool(noiseless.any()),
         )  # fmt: skip
 
     def part(self, first: int, last: int) -> "Measured":
@@ -276,6 +290,13 @@ def noise_level(values: np.ndarray, signal: int, limit: float = np.inf) -> float
             return rounding_noise(values, counts)
         estimate = max(estimate, least)
     return float(max(estimate, 1e-6 * max(values.std(), 1e-6)))
+
+
+def _noiseless(values: np.ndarray, sigma: np.ndarray, signals: Sequence[int]) -> np.ndarray:
+    """(channels,) all accelerations, where most have less noise than any sensor."""
+    accelerations = np.array(signals) < Signal.CRANK_ANGLE
+    quiet = accelerations & (sigma < _LEAST * values.std(axis=0))
+    return accelerations & (2 * quiet.sum() > accelerations.sum())
 
 
 def segments_before(samples: int, held_out: float) -> int:
