@@ -97,8 +97,7 @@ def correlation(
     if period:
         argument = table[0, 0] + np.mod(argument - table[0, 0], period)
         table = np.vstack([table, table[0] + [period, 0.0]])
-    inside = (argument >= table[0, 0]) & (argument <= table[-1, 0])
-    found, force = np.interp(argument[inside], table[:, 0], table[:, 1]), force[inside]
+    found = np.interp(argument, table[:, 0], table[:, 1])  # beyond its ends it stays as there
     if len(force) < 10 or found.std() == 0.0 or force.std() == 0.0:
         return 0.0
     return float(np.corrcoef(found, force)[0, 1])

@@ -339,10 +339,11 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _line(label: str, said: str, row: Mapping[str, Any], own: float | None) -> str:
-    error, closed = row["error"], row["closed"]
+    error, closed, by_random = row["error"], row["closed"], row.get("closed_by_random")
+    random = f"{error['random']:.2f} %" + ("" if by_random is None else f" (closes {by_random:.0%})")
     cells = [
         label, said, *(f"{error[name]:.2f} %" for name in ("nominal", "corrected", "true")),
-        "" if closed is None else f"{closed:.0%}", f"{error['random']:.2f} %",
+        "" if closed is None else f"{closed:.0%}", random,
         "" if own is None else f"{own:.3f} %",
     ]  # fmt: skip
     return f"| {' | '.join(cells)} |"

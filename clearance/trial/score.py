@@ -30,7 +30,7 @@ def score_case(one: Revealed) -> dict[str, Any]:
     row |= {
         "verdict": said["verdict"],
         "named": names,
-        "detected": said["verdict"] != "none",
+        "detected": said["verdict"] != "none" and (said.get("mismatch") or {}).get("detected") is not False,
         "score": (said.get("mismatch") or {}).get("score"),
         "named_or_equivalent": _named(case, said),
         "first_and_alone": _named(case, said) and set(names) == set(case.missing) and not _rivals(case, said),
@@ -40,9 +40,7 @@ def score_case(one: Revealed) -> dict[str, Any]:
         "parameters": parameters(case, said["effects"]),
         "clearance": _clearance(case, said["clearance"]),
         "held_out": said["fit"]["held_out"],
-        "curve_correlation": correlation(
-            one.secrets["curve"], said.get("free_form") if said["verdict"] == "unknown" else None
-        )
+        "curve_correlation": correlation(one.secrets["curve"], _curve_of(case, said))
         if case.kind in UNNAMED
         else None,
         "left_over": left_over(case, one.secrets, said),
@@ -94,12 +92,22 @@ def _place_right(case: Case, said: Mapping[str, Any], what: str) -> bool | None:
     """Whether the place of the mismatch is that of something missing; ``None`` where nothing is."""
     if not case.missing:
         return None
+    return _at_place(case, str((said.get("mismatch") or {}).get(what)), what)
+
+
+def _curve_of(case: Case, said: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The free-form force of a verdict ``unknown``, if it acts where something is missing."""
+    curve: Mapping[str, Any] = said.get("free_form") or {}
+    here = all(_at_place(case, str(curve.get(what)), what) for what in ("body", "direction"))
+    return curve if here and said["verdict"] == "unknown" else None
+
+
+def _at_place(case: Case, given: str, what: str) -> bool:
+    right = set().union(*(p.bodies if what == "body" else p.directions for p in _places(case)))
     joints = {
         "{joint}": f"joint_{case.joint.lower()}",
         "{other_joint}": "joint_c" if case.joint == "B" else "joint_b",
     }
-    given = str((said.get("mismatch") or {}).get(what))
-    right = set().union(*(p.bodies if what == "body" else p.directions for p in _places(case)))
     return given in {joints.get(one, one) for one in right}
 
 
@@ -115,7 +123,7 @@ def parameters(case: Case, effects: Sequence[Mapping[str, Any]]) -> list[dict[st
             true = truth.get(key, _off(name, key))
             if not isinstance(true, int | float) or given.get("low") is None or given.get("high") is None:
                 continue
-            if given["low"] == given["high"]:  # a whole number, which is told and not estimated
+            if given["low"] == given["high"] == true:  # a whole number, told and not estimated; else a miss
                 continue
             unit = np.pi / 180.0 if given.get("unit") == "deg" else 1.0
             value, low, high = (float(given[k]) * unit for k in ("value", "low", "high"))

@@ -12,7 +12,7 @@ from clearance.trial import pictures
 from clearance.trial.case import Case, Session
 from clearance.trial.claim import correlation
 from clearance.trial.reveal import Revealed, reveal
-from clearance.trial.score import score_case
+from clearance.trial.score import parameters, score_case
 from clearance.trial.simulate import simulate
 from clearance.trial.summary import failures, history, rate, summarise, table
 from tests.command_line import ROOT, command, environment
@@ -148,6 +148,14 @@ def test_what_cannot_be_wrong_is_not_counted_as_right(secrets):
     assert summarise([row])["claims_borne_out"] == rate([False])
 
 
+@pytest.mark.parametrize(("said", "covered"), [(3.0, []), (2.0, [False])])
+def test_a_wrong_count_is_missed_and_a_right_one_no_estimate(said, covered):
+    worn = replace(FRICTION, effects={"worn_bearing": {"amplitude": 2e-5, "order": 3, "phase": 0.3}})
+    number = {"value": said, "unit": "-", "low": said, "high": said}
+    rows = parameters(worn, [{"name": "worn_bearing", "parameters": {"order": number}}])
+    assert [row["covered"] for row in rows] == covered
+
+
 def test_a_fault_has_a_channel_and_may_be_given_in_degrees(secrets):
     angle = {"value": 5.7, "unit": "deg", "low": 5.5, "high": 5.9}
     effect = {"name": "sensor_misalignment", "kind": "instrument", "channel": "rod_c_axial",
@@ -165,6 +173,8 @@ def test_a_force_outside_the_list():
     secrets = simulate(FORCE).secrets
     assert secrets["visibility"]["force"] > 1.0
     free = {
+        "body": "slider",
+        "direction": "x",
         "argument": "slider_position",
         "table": [[0.09, 0.0], [0.11, 3.6], [0.12, 6.0], [0.13, 3.6], [0.15, 0.0]],
     }
@@ -173,6 +183,8 @@ def test_a_force_outside_the_list():
     assert row["right"]
     assert row["curve_correlation"] > 0.95
     assert row["left_over"] is None
+    on_the_rod = {**said, "free_form": {**free, "body": "rod"}}
+    assert scored(FORCE, on_the_rod, secrets)["curve_correlation"] == 0.0
     backwards = {"argument": "slider_position", "table": [[x, -f] for x, f in free["table"]]}
     assert correlation(secrets["curve"], backwards) < -0.95
     assert correlation(secrets["curve"], {"argument": "time", "table": [[0, 1], [1, 1]]}) == 0.0
