@@ -188,7 +188,8 @@ def _load(
     heard = [c for c in shared if not any(c in mute for mute in silent.values())] or shared
     measured = {
         name: replace(
-            Measured.of(recording.select(heard), chain_of(recording, name), name, apart), silent=silent[name]
+            Measured.of(recording.select(heard), chain_of(recording, name), name, apart).noised(),
+            silent=silent[name],
         )
         for name, recording in everything.items()
     }

@@ -1,6 +1,6 @@
 """A recording as the estimator sees it: cut into segments, with its filter and its noise."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from zlib import crc32
 
@@ -128,19 +128,32 @@ class Measured:
             limit(told[:, i]) if s < Signal.CRANK_ANGLE else np.inf for i, s in enumerate(signals)
         ])  # fmt: skip
         sigma = np.array([noise_level(told[:, i], s, limits[i]) for i, s in enumerate(signals)])
-        noiseless = _noiseless(told, sigma, signals)
-        if noiseless.any():
-            size = told.std(axis=0)
-            added = np.where(noiseless, _ADDED * np.maximum(size, np.median(size[noiseless])), 0.0)
-            random = np.random.default_rng(crc32(told.tobytes()))
-            values = values + added * random.normal(size=values.shape)
-            sigma = np.hypot(sigma, added)
         cut = values[: segments * SAMPLES].reshape(segments, SAMPLES, len(known))
         weights = filter_weights(chain, SAMPLES, REACH)
         return Measured(
             name, cut, cut.reshape(-1, len(known)), 0, tuple(known), signals, sigma, chain, weights, limits,
-            silent, bool(noiseless.any()),
+            silent,
         )  # fmt: skip
+
+    def noised(self) -> "Measured":
+        """The same recording, with noise if its accelerations have none, as simulations have none.
+
+        Otherwise errors of integrators, this one's and that of the simulation, would count as something
+        missing. Most accelerations must have less than any sensor; all of them get some then, the same as
+        often as it is asked for.
+        """
+        size, accelerations = self.recorded.std(axis=0), np.array(self.signals) < Signal.CRANK_ANGLE
+        quiet = accelerations & (self.sigma < _LEAST * size)
+        if 2 * quiet.sum() <= accelerations.sum():
+            return self
+        added = np.where(accelerations, _ADDED * np.maximum(size, np.median(size[accelerations])), 0.0)
+        random = np.random.default_rng(crc32(self.recorded.tobytes()))
+        noise = added * random.normal(size=self.recorded.shape)
+        recorded = self.recorded + np.where(np.abs(self.recorded) < self.limits, noise, 0.0)
+        first = self.first * SAMPLES
+        values = recorded[first : first + self.values[..., 0].size].reshape(self.values.shape)
+        sigma = np.hypot(self.sigma, added)
+        return replace(self, values=values, recorded=recorded, sigma=sigma, noiseless=True)
 
     def part(self, first: int, last: int) -> "Measured":
         """Segments ``first`` to ``last`` alone."""
@@ -290,13 +303,6 @@ def noise_level(values: np.ndarray, signal: int, limit: float = np.inf) -> float
             return rounding_noise(values, counts)
         estimate = max(estimate, least)
     return float(max(estimate, 1e-6 * max(values.std(), 1e-6)))
-
-
-def _noiseless(values: np.ndarray, sigma: np.ndarray, signals: Sequence[int]) -> np.ndarray:
-    """(channels,) all accelerations, where most have less noise than any sensor."""
-    accelerations = np.array(signals) < Signal.CRANK_ANGLE
-    quiet = accelerations & (sigma < _LEAST * values.std(axis=0))
-    return accelerations & (2 * quiet.sum() > accelerations.sum())
 
 
 def segments_before(samples: int, held_out: float) -> int:

@@ -156,6 +156,23 @@ def recording(samples=400, channels=("crank_angle", "rod_c_axial", "slider_horiz
     return Recording(values, tuple(channels), rate)
 
 
+@pytest.mark.parametrize(("noise", "expected"), [(0.0, True), (5e-4, False)])
+def test_a_recording_without_noise_gets_some(noise, expected):
+    """The same as often as it is asked for; what a sensor has, and what an encoder says, stay as they are."""
+    turns = 12.0 * np.arange(4000) / CHAIN.rate
+    smooth = np.column_stack([np.sin(2.0 * np.pi * turns), 50.0 * np.cos(6.0 * np.pi * turns), turns])
+    given = smooth * (1.0 + noise * np.random.default_rng(1).normal(size=smooth.shape))
+    source = Recording(given, ("rod_b_axial", "rod_c_axial", "crank_angle"), CHAIN.rate)
+    measured = Measured.of(source, CHAIN, "one").part(5, 40)
+    found = measured.noised()
+    assert found.noiseless is expected
+    added = (found.values - measured.values).std(axis=(0, 1))
+    assert (added[:2] > 0.15).all() == expected  # a hundredth of 18 at least, between 0.7 and 35
+    assert added[2] == 0.0
+    assert (found.sigma > measured.sigma)[:2].all() == expected
+    assert np.array_equal(found.values, measured.noised().values)
+
+
 def test_a_recording_is_cut_into_segments_accelerations_first():
     source = recording(407)
     measured = Measured.of(source, CHAIN, "one")
