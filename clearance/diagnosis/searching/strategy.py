@@ -1,7 +1,6 @@
 """In which order explanations are tried: what is likely and cheap first, what is rare and dear last."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache
 from itertools import takewhile
 
@@ -36,12 +35,12 @@ from clearance.diagnosis.searching.from_motion import (
     begin_wear,
 )
 from clearance.diagnosis.searching.geometry import (
-    GEOMETRIC,
     LOOSE_GUIDE,
     Dimension,
     suggest_channels,
     suggest_dimensions,
 )
+from clearance.diagnosis.searching.parts import PART, in_part, named, set_aside, unfinished
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.scrutiny import contest, hear, scrutinise
 from clearance.diagnosis.searching.search import Search
@@ -54,8 +53,6 @@ from clearance.diagnosis.searching.wear import WORN
 from clearance.diagnosis.searching.widen import deafen, glaring, look, settled, widen
 from clearance.diagnosis.searching.work import Balanced
 
-_PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
-_SEEN = 0.5  # likewise of a dimension, which the motion vouches for whatever the forces
 _HALF = 0.5  # of what is missing: a named force that leaves less may stand for one without a name
 _FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
 _MANY, _ACCUSED = 7, 0.4  # channels of which one can be spared; left of the motion's disagreement without it
@@ -174,7 +171,7 @@ def _search_all(
             best = explanation.best
             # a table that leaves little, or has another period by now, is more than what led its path
             table = unnamed(best.hypotheses) is not None
-            told = table and (best.misfit < _PART * nominal.misfit or rhythm_of(best) is not None)
+            told = table and (best.misfit < PART * nominal.misfit or rhythm_of(best) is not None)
             if told and not (_enough(explanation) or search.late()):
                 begin_again(search, explanation)
 
@@ -231,9 +228,9 @@ def _search_all(
         widen(search, explanation, nominal, faults)
 
     def build_beside(part: float) -> None:
-        before, base = nominal, _unfinished(explanation, most)
+        before, base = nominal, unfinished(explanation, most)
         while (
-            base not in built_on and _in_part(explanation, base, before, part) and len(base.hypotheses) < most
+            base not in built_on and in_part(explanation, base, before, part) and len(base.hypotheses) < most
         ):
             built_on.append(base)
             if base is explanation.best:
@@ -242,14 +239,14 @@ def _search_all(
                     begin_again(search, explanation)  # the smaller variant may have torn the paths
             if _enough(explanation) or search.late():
                 return
-            base = _unfinished(explanation, most)
+            base = unfinished(explanation, most)
             beside, tables = look(search, explanation, base), list[Attempt]()
             if base is explanation.best and not beside.obvious:  # else something is there beside the name
                 tables = reshape(search, explanation, base)
                 if _enough(explanation) or search.late():
                     return
-                if base is not _unfinished(explanation, most):
-                    base = _unfinished(explanation, most)
+                if base is not unfinished(explanation, most):
+                    base = unfinished(explanation, most)
                     beside = look(search, explanation, base)
             begin_beside(search, explanation, base)
             if settled(search, explanation, base):
@@ -271,17 +268,17 @@ def _search_all(
                 begin_inside(search, explanation, base)
             if not settled(search, explanation, base):
                 begin_elsewhere(search, explanation, base)
-            before, base = base, _unfinished(explanation, most)
+            before, base = base, unfinished(explanation, most)
 
-    def build_on(part: float = _PART) -> None:
-        with _aside(explanation, most):
+    def build_on(part: float = PART) -> None:
+        with set_aside(explanation, most):
             build_beside(part)
 
     def share() -> None:
         build_on(SHARED)
 
     def lead() -> None:  # a name that the work led to, of which no table says more, may be one of two
-        build_on(_PART if unnamed(explanation.best.hypotheses) is not None else SHARED)
+        build_on(PART if unnamed(explanation.best.hypotheses) is not None else SHARED)
 
     def curve() -> None:
         nonlocal curved
@@ -291,13 +288,13 @@ def _search_all(
         found, misfit = suggest_curve(search, nominal)
         if found:
             explanation.suspected = Suspected(found[0].body, found[0].direction, misfit)
-        if misfit < max(NEARLY, _PART * nominal.misfit) or (found and found[0].body == "slider"):
+        if misfit < max(NEARLY, PART * nominal.misfit) or (found and found[0].body == "slider"):
             fit_curve(search, explanation, found)
         else:
             waiting.extend(found)
 
     def curve_near() -> None:  # there a linear look has judged names, and one recording tells bodies apart
-        if nominal.misfit < NEARLY and not _in_part(explanation, _named(explanation), nominal, _PART):
+        if nominal.misfit < NEARLY and not in_part(explanation, named(explanation), nominal, PART):
             curve()
 
     def elsewhere() -> None:
@@ -350,7 +347,7 @@ def _enough(explanation: Explanation) -> bool:
     table = unnamed(best.hypotheses) is not None and not _refined(explanation, best)
     if explanation.rails is not None and not any(_loose(a) for a in explanation.attempts):
         return True
-    return explained(best) or (table and best.misfit < min(_PART * explanation.nominal.misfit, NEARLY))
+    return explained(best) or (table and best.misfit < min(PART * explanation.nominal.misfit, NEARLY))
 
 
 def _refined(explanation: Explanation, best: Attempt) -> bool:
@@ -361,51 +358,3 @@ def _refined(explanation: Explanation, best: Attempt) -> bool:
 
 def _loose(attempt: Attempt) -> bool:
     return any(hypothesis.name == LOOSE_GUIDE for hypothesis in attempt.hypotheses)
-
-
-def _named(explanation: Explanation) -> Attempt:
-    """The best attempt; where it has a table that leaves much all the same, the best without one."""
-    best = explanation.best
-    named = min((a for a in explanation.standing if unnamed(a.hypotheses) is None), key=explanation.price)
-    little = explanation.price(best) < _PART * explanation.price(named)
-    return best if unnamed(best.hypotheses) is not None and little else named
-
-
-def _unfinished(explanation: Explanation, most: int) -> Attempt:
-    """As ``_named``; where that has as many effects as may be missing, the best one with fewer.
-
-    A second effect beside a right first one may take away some of what another one does, and not be there.
-    """
-    best = _named(explanation)
-    if len(best.hypotheses) < most or unnamed(best.hypotheses) is not None:
-        return best
-    named = (a for a in explanation.standing if unnamed(a.hypotheses) is None)
-    return min((a for a in named if len(a.hypotheses) < most), key=explanation.price)
-
-
-@contextmanager
-def _aside(explanation: Explanation, most: int) -> Iterator[None]:
-    """Within it no effects stand that are as many as may be missing and do not explain: others are sought."""
-    aside = [a for a in explanation.standing if len(a.hypotheses) >= most and not explained(a)]
-    for one in aside:
-        one.withdrawn = True
-    try:
-        yield
-    finally:
-        for one in aside:
-            one.withdrawn = False
-
-
-def _in_part(explanation: Explanation, attempt: Attempt, base: Attempt, part: float) -> bool:
-    """Whether named effects leave less than a part of what ``base`` leaves beyond noise, but something."""
-
-    def beyond_noise(one: Attempt) -> float:
-        return explanation.price(one) - explanation.samples
-
-    geometric = bool(attempt.hypotheses) and attempt.hypotheses[-1].name in GEOMETRIC
-    return (
-        len(attempt.hypotheses) > len(base.hypotheses)
-        and unnamed(attempt.hypotheses) is None
-        and not explained(attempt)
-        and beyond_noise(attempt) < (max(_SEEN, part) if geometric else part) * beyond_noise(base)
-    )

@@ -9,16 +9,11 @@ from clearance.diagnosis.hypotheses.free_form import FREE_FORM
 from clearance.diagnosis.searching import scrutiny
 from clearance.diagnosis.searching.beside import SHARED
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.free_search import reshape_anew
+from clearance.diagnosis.searching.parts import PART, in_part, named, set_aside, unfinished
 from clearance.diagnosis.searching.scrutiny import _compare_kinds
 from clearance.diagnosis.searching.significance import unsettled
-from clearance.diagnosis.searching.strategy import (
-    _PART,
-    _enough,
-    _in_part,
-    _named,
-    _search_all,
-    find_explanation,
-)
+from clearance.diagnosis.searching.strategy import _enough, _search_all, find_explanation
 from clearance.diagnosis.searching.widen import Prospects
 from tests.diagnosis.judging.test_verdict import attempt
 
@@ -204,22 +199,52 @@ def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkey
 @pytest.mark.parametrize(
     ("names", "misfit", "part", "expected"),
     [
-        (["slider_offset"], 10.1, _PART, True),  # a rod that bends was missing beside it
-        (["slider_offset"], 14.0, _PART, False),
+        (["slider_offset"], 10.1, PART, True),  # a rod that bends was missing beside it
+        (["slider_offset"], 14.0, PART, False),
         (["slider_offset"], 14.0, SHARED, True),
-        (["rod_inertia"], 10.1, _PART, False),
-        (["rod_inertia"], 7.0, _PART, True),
-        (["rod_inertia"], 8.2, _PART, True),  # noise leaves 1.0 in any case
-        (["rod_inertia"], 1.1, _PART, False),  # nothing is left
+        (["rod_inertia"], 10.1, PART, False),
+        (["rod_inertia"], 7.0, PART, True),
+        (["rod_inertia"], 8.2, PART, True),  # noise leaves 1.0 in any case
+        (["rod_inertia"], 1.1, PART, False),  # nothing is left
         (["joint_lubrication"], 13.0, SHARED, True),  # a drive that gives way was missing beside it
         (["joint_lubrication"], 17.0, SHARED, False),
-        ([FREE_FORM], 7.0, _PART, False),
-        ([], 7.0, _PART, False),
+        ([FREE_FORM], 7.0, PART, False),
+        ([], 7.0, PART, False),
     ],
 )
 def test_a_good_part_of_what_is_missing_is_built_on(names, misfit, part, expected):
     nominal = attempt([], 25.2)
-    assert _in_part(Explanation(nominal), attempt(names, misfit), nominal, part) == expected
+    assert in_part(Explanation(nominal), attempt(names, misfit), nominal, part) == expected
+
+
+@pytest.mark.parametrize(("misfit", "first"), [(1.8, "soft_drive"), (1.02, "soft_drive + rod_inertia")])
+def test_two_effects_that_do_not_explain_keep_nobody_from_looking_beside_the_first(misfit, first):
+    drive, pair = attempt(["soft_drive"], 2.7), attempt(["soft_drive", "rod_inertia"], misfit)
+    explanation = Explanation(attempt([], 37.8), [drive, pair])
+    assert unfinished(explanation, 2) is drive
+    assert unfinished(explanation, 3) is pair
+    assert explanation.best is pair
+    with set_aside(explanation, 2):
+        assert explanation.best.label == first
+    assert explanation.best is pair
+
+
+@pytest.mark.parametrize(("left", "anew"), [(14.7, True), (30.0, False)])
+def test_a_table_in_an_effect_s_place_is_sought_anew_where_its_path_is_far(monkeypatch, left, anew):
+    """On the torn path of viscous friction a table of the velocity leaves more than the friction does."""
+    asked = []
+    monkeypatch.setattr(
+        "clearance.diagnosis.searching.free_search.seek_anew",
+        lambda search, found, held, values, table, again: asked.append(table),
+    )
+    search = SimpleNamespace(late=lambda: False)
+    friction, table = attempt(["guide_friction"], 11.2), attempt([FREE_FORM], left)
+    table.fit.values = None
+    reshape_anew(search, Explanation(attempt([], 891.0), [friction, table]), friction, [table])
+    assert asked == ([table] if anew else [])
+    near = attempt(["guide_friction"], 2.0)
+    reshape_anew(search, Explanation(attempt([], 891.0), [near, table]), near, [table])
+    assert len(asked) == anew
 
 
 @pytest.fixture
@@ -336,7 +361,7 @@ def test_what_is_nearly_explained_is_fitted_again_on_paths_of_its_own(
 )
 def test_a_table_that_leaves_much_is_not_built_on(table, expected):
     attempts = [attempt(["torque_ripple"], 305.0), attempt([FREE_FORM], table), attempt(["gravity"], 350.0)]
-    found = _named(Explanation(attempt([], 1450.0), attempts))
+    found = named(Explanation(attempt([], 1450.0), attempts))
     assert [h.name for h in found.hypotheses] == [expected]
 
 

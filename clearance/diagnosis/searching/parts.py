@@ -1,0 +1,60 @@
+"""Which attempt is built on: named effects that explain a part of what is missing."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.hypotheses.free_form import unnamed
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.geometry import GEOMETRIC
+
+PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
+_SEEN = 0.5  # likewise of a dimension, which the motion vouches for whatever the forces
+
+
+def named(explanation: Explanation) -> Attempt:
+    """The best attempt; where it has a table that leaves much all the same, the best without one."""
+    best = explanation.best
+    without = min((a for a in explanation.standing if unnamed(a.hypotheses) is None), key=explanation.price)
+    little = explanation.price(best) < PART * explanation.price(without)
+    return best if unnamed(best.hypotheses) is not None and little else without
+
+
+def unfinished(explanation: Explanation, most: int) -> Attempt:
+    """As ``named``; where that has as many effects as may be missing, the best one with fewer.
+
+    A second effect beside a right first one may take away some of what another one does, and not be there.
+    """
+    best = named(explanation)
+    if len(best.hypotheses) < most or unnamed(best.hypotheses) is not None:
+        return best
+    without = (a for a in explanation.standing if unnamed(a.hypotheses) is None)
+    return min((a for a in without if len(a.hypotheses) < most), key=explanation.price)
+
+
+@contextmanager
+def set_aside(explanation: Explanation, most: int) -> Iterator[None]:
+    """Within it no effects stand that are as many as may be missing and do not explain: others are sought."""
+    aside = [a for a in explanation.standing if len(a.hypotheses) >= most and not explained(a)]
+    for one in aside:
+        one.withdrawn = True
+    try:
+        yield
+    finally:
+        for one in aside:
+            one.withdrawn = False
+
+
+def in_part(explanation: Explanation, attempt: Attempt, base: Attempt, part: float) -> bool:
+    """Whether named effects leave less than a part of what ``base`` leaves beyond noise, but something."""
+
+    def beyond_noise(one: Attempt) -> float:
+        return explanation.price(one) - explanation.samples
+
+    geometric = bool(attempt.hypotheses) and attempt.hypotheses[-1].name in GEOMETRIC
+    return (
+        len(attempt.hypotheses) > len(base.hypotheses)
+        and unnamed(attempt.hypotheses) is None
+        and not explained(attempt)
+        and beyond_noise(attempt) < (max(_SEEN, part) if geometric else part) * beyond_noise(base)
+    )
