@@ -152,6 +152,18 @@ def _poisoned(content):
     return f"{content}{HOSTILE}" if isinstance(content, str) and content not in known else content
 
 
+def test_nothing_found_and_not_confirmed_is_not_called_missing(show):
+    diagnosis, evidence = EXAMPLES["none"]()
+    diagnosis["verdict"] = "unknown"
+    diagnosis["mismatch"] |= {"detected": False, "body": None, "direction": None}
+    page = show(diagnosis, evidence)
+    assert page.run("document.querySelector('.badge').innerText").startswith(
+        "Nothing was found, and nothing was confirmed"
+    )
+    facts = page.run("document.querySelector('.facts').innerText")
+    assert "what was held out could not be followed" in facts
+
+
 @pytest.mark.parametrize("name", ["physics", "unknown"])
 def test_names_that_look_like_markup_are_text(show, name):
     diagnosis, evidence = map(_poisoned, EXAMPLES[name]())
