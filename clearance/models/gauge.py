@@ -45,7 +45,7 @@ class Calibration:
     Attributes:
         coverage: Share of recordings whose interval holds the clearance [-].
         false_rejection: Share of familiar recordings that may be called unfamiliar [-].
-        limit: Largest clearance the gauge is made for [m].
+        limit: Largest clearance the gauge is made for [m]; that of its data where it is larger.
     """
 
     coverage: float = 0.9
@@ -98,9 +98,10 @@ class Gauge:
             data: Set up.
             coverage: Of the interval [-].
             false_rejection: Share of familiar recordings that may be called unfamiliar [-].
-            limit: Largest clearance the gauge is made for [m].
+            limit: Largest clearance the gauge is made for [m]; that of the data where it is larger.
         """
         scalers, recordings = data.scalers, data.recordings
+        limit = max(limit, float(recordings.target.max()))
         validation, test = (
             by_recording(estimate_windows(estimator, scalers, part), part, recordings.target)
             for part in (data.validation_windows(), data.test_windows())

@@ -29,6 +29,20 @@ def test_a_saved_gauge_reads_the_same(trained, tmp_path, chirps):
         assert one.windows == 10
 
 
+def test_a_gauge_of_larger_clearances_than_the_configured_reaches_as_far_as_its_data(make_data, open_run):
+    data = make_data(runs=20, samples=600)
+    estimator = configured("xgboost")
+    estimator.fit(data, open_run())
+    gauge = Gauge.calibrate(estimator, data, coverage=0.9, false_rejection=0.05, limit=2e-4)
+    assert gauge.intervals[0].quantiles[-1] is None  # three recordings support no 90 %
+    largest = int(np.argmax(data.recordings.target))
+    scaler = data.scalers.signals
+    raw = data.recordings.recording(largest) * np.array(scaler.deviation) + np.array(scaler.mean)
+    (one,) = gauge.estimate(raw, 1e4)
+    assert one.clearance_m > 2e-4
+    assert (one.low_m, one.high_m) == (0.0, max(data.recordings.target.max(), one.clearance_m))
+
+
 def test_a_recording_is_scaled_as_in_training(trained):
     gauge, data = trained
     index = int(data.parts.test[0])
