@@ -174,7 +174,7 @@ class Gauge:
         )
         values = estimate_windows(self.estimator, self.scalers, windows)
         trusted, reason = known.judge(scaled)
-        differences = [chain_differences(declared_chain(chain), self.chain), *self._moved(positions or {})]
+        differences = [chain_differences(chain, self.chain), *self._moved(positions or {})]
         if any(differences):
             trusted, reason = False, "; ".join(filter(None, [*differences, "" if trusted else reason]))
         loose = self.loose(np.array([point(own) for own in values.T]))

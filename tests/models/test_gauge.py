@@ -1,10 +1,12 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from clearance.errors import InputError
 from clearance.models.gauge import Gauge
+from clearance.recording.chain import declared_chain
 from tests.models.conftest import configured
 
 
@@ -57,6 +59,19 @@ def test_a_recording_is_scaled_as_in_training(trained):
     assert gauge.estimate(raw, 1e4)[0].spread_m == pytest.approx(
         1.4826 * np.median(np.abs(expected - np.median(expected))), rel=0.2, abs=1e-6
     )
+
+
+def test_of_a_chain_that_is_not_declared_nothing_is_claimed(trained):
+    gauge, data = trained
+    recording, usual = data.recordings.recording(0), declared_chain(None)
+    assert "chain" not in gauge.estimate(recording, 1e4)[0].reason
+    other = replace(gauge, chain={**usual, "base_rate": 256e3})
+    (silent,), (declared,) = (other.estimate(recording, 1e4, chain) for chain in (None, usual))
+    assert not silent.trusted
+    assert silent.reason.startswith(
+        "its chain is not declared, the model was trained with chain.base_rate = 256000.0; give chain: in"
+    )
+    assert declared.reason.startswith("recorded with chain.base_rate = 100000.0")
 
 
 @pytest.mark.parametrize(
