@@ -44,6 +44,15 @@ def with_mechanism_file(argument: str) -> str:
     return "mechanism=" + ",".join(_add_mechanism(Path(part)) for part in (parts if several else [named[2]]))
 
 
+def with_mechanism_path(override: str) -> str:
+    """The inverse of ``with_mechanism_file``, for a command that is shown: the file in its option's place."""
+    group, _, option = override.partition("=")
+    with suppress(ConfigLoadError):
+        if group == "mechanism":
+            return f"mechanism={ConfigStore.instance().load(f'mechanism/{option}.yaml').provider}"
+    return override
+
+
 def _add_mechanism(path: Path) -> str:
     try:
         text = path.read_bytes()

@@ -33,9 +33,12 @@ from clearance.diagnosis.sensing.demonstration import CLEARANCE, demonstration
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured, chain_of, segments_before
 from clearance.errors import InputError
 from clearance.mechanism.description import write_mechanism
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.provenance import describe
 from clearance.recording.bounds import listing
 from clearance.recording.correction import corrected
 from clearance.recording.files import read
+from clearance.recording.position import declared_positions, elsewhere, mounted
 from clearance.recording.recording import Recording
 from clearance.recording.tables import FORMATS
 from clearance.whole_files import write_json
@@ -81,6 +84,7 @@ def main(cfg: DictConfig) -> None:
             "recordings"
         )
     recordings, held_out = _read("recordings", fitting), _read("held_out", judging)
+    _require_in_place({**recordings, **held_out}, nominal)
 
     def keep(explanation: Explanation | Findings) -> None:
         write_json(folder / "progress.json", _tried(explanation))
@@ -254,6 +258,19 @@ def _read(key: str, files: Sequence[Path]) -> dict[str, Recording]:
         return {str(file): corrected(read(file)) for file in files}
     except InputError as error:
         raise InputError(f"{key}: {error}") from error
+
+
+def _require_in_place(recordings: dict[str, Recording], machine: SliderCrank) -> None:
+    """Refuse a recording whose sensors are not where the machine has them."""
+    known = mounted({"mechanism": describe(machine)})
+    for name, recording in recordings.items():
+        declared = declared_positions(recording)
+        for channel in elsewhere(declared, known):
+            raise InputError(
+                f"{name}: sensor {channel} is at {declared[channel]:g} m, the machine has it at "
+                f"{known[channel]:g} m; change mechanism.sensor_positions, or sensors.{channel}.position in "
+                "the YAML beside it"
+            )
 
 
 def _write(folder: Path, outcome: Outcome[Explanation] | Outcome[Findings]) -> None:

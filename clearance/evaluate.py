@@ -106,7 +106,11 @@ def measure_coverage(run: Path, recordings: int) -> None:
         return
     campaign = instantiate_trusted(config["campaign"], str(run / CONFIG))
     log.info("%s: %d fresh recordings", run, recordings)
-    fresh = evaluate_fresh(load_gauge(run), campaign, recordings)
+    gauge = load_gauge(run)
+    try:
+        fresh = evaluate_fresh(gauge, campaign, recordings)
+    except InputError as error:
+        raise InputError(f"{run}: {error}") from error
     write_json(run / FRESH, [joint.to_json() for joint in fresh])
 
 

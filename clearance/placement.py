@@ -1,6 +1,7 @@
 """Which sensors tell the clearance: ``python -m clearance.placement joint=C``."""
 
 import logging
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
 
 from clearance.commands import command, threads
+from clearance.configuration import with_mechanism_path
 from clearance.diagnosis.hypotheses.hypothesis import JOINTS, Setting
 from clearance.diagnosis.judging.placement import Conditions, expected_errors, subsets
 from clearance.errors import InputError
@@ -23,6 +25,7 @@ from clearance.whole_files import write_atomically, write_json
 
 log = logging.getLogger(__name__)
 _SHOWN = 3  # sets of each size
+_OWN = ("sensors", "most", "best", "workers", "conditions")  # of a ranking, which a training has not
 
 
 @command("placement")
@@ -30,6 +33,13 @@ _SHOWN = 3  # sets of each size
 def main(cfg: DictConfig) -> None:
     """Rank the sets, show the best of each size, write ``placement.json`` and ``placement.png``."""
     folder = Path(HydraConfig.get().runtime.output_dir)
+    asked = list(HydraConfig.get().overrides.task)
+    given = [one for one in asked if _key(one).split(".")[0] == "integrator"]
+    if given:
+        raise InputError(
+            f"{given[0]}: sensors are compared by Runge-Kutta's fourth order in steps of 10 µs; leave "
+            "integrator out"
+        )
     joint = str(cfg.joint.name)
     if joint not in JOINTS:
         raise InputError(
@@ -59,7 +69,7 @@ def main(cfg: DictConfig) -> None:
         f"What {conditions.window * 1e3:g} ms leave unknown of the clearance in joint {joint}",
     )
     write_atomically(folder / "placement.png", lambda file: figure.savefig(file, dpi=110))
-    sys.stdout.write(table(shown) + "\n" + training(ranking[: cfg.best], joint) + "\n")
+    sys.stdout.write(table(shown) + "\n" + training(ranking[: cfg.best], asked) + "\n")
     log.info("written to %s", folder)
 
 
@@ -85,11 +95,19 @@ def table(groups: Sequence[Sequence[dict[str, Any]]]) -> str:
     return "\n".join(lines)
 
 
-def training(ranking: Sequence[dict[str, Any]], joint: str) -> str:
-    """The command that trains on each of some sets."""
+def training(ranking: Sequence[dict[str, Any]], asked: Sequence[str]) -> str:
+    """The command that trains on each of some sets the machine that ``asked``, overrides, described."""
     sets = ",".join("[" + ",".join(one["channels"]) + "]" for one in ranking)
-    command = "python -m clearance.train -m model=tcn"
-    return f"to train on the best: {command} joint={joint} 'sensors.channels={sets}'"
+    kept = [with_mechanism_path(one) for one in asked if _key(one).split(".")[0] not in _OWN]
+    if not any(_key(one) == "sensor_chain" for one in kept):
+        kept.insert(0, "sensor_chain=mems")
+    words = ["model=tcn", *kept, f"sensors.channels={sets}"]
+    return f"to train on the best: python -m clearance.train -m {shlex.join(words)}"
+
+
+def _key(override: str) -> str:
+    """What an override sets."""
+    return override.split("=")[0].lstrip("+~")
 
 
 if __name__ == "__main__":

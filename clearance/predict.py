@@ -16,6 +16,7 @@ from clearance.models.run_folder import CONFIG
 from clearance.models.trusted import instantiate_trusted
 from clearance.recording.correction import corrected
 from clearance.recording.files import read
+from clearance.recording.position import declared_positions
 from clearance.whole_files import read_yaml, write_json
 
 log = logging.getLogger(__name__)
@@ -59,7 +60,9 @@ def estimate_file(gauge: Gauge, path: Path) -> tuple[Estimate, ...]:
                 "YAML beside the file, or train with sensors that are there"
             )
         signals = recording.select(gauge.channels).values
-        return gauge.estimate(signals, recording.rate, recording.metadata.get("chain"))
+        return gauge.estimate(
+            signals, recording.rate, recording.metadata.get("chain"), declared_positions(recording)
+        )
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 

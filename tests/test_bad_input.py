@@ -316,6 +316,21 @@ def test_predict_distrusts_another_measurement_chain(trained, recording, tmp_pat
     )
 
 
+def test_predict_distrusts_a_sensor_elsewhere_than_in_training(
+    trained, recording, tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)
+    for name, place in (("joint", 0.12), ("elsewhere", 0.02)):
+        write(recording, tmp_path / f"{name}.parquet")
+        (tmp_path / f"{name}.yaml").write_text(f"sensors: {{rod_c_axial: {{position: {place}}}}}")
+    files = ("recordings=[joint.parquet,elsewhere.parquet]", "output=p.json")
+    assert call(monkeypatch, capfd, "predict", f"checkpoint={trained / 'run'}", *files)[0] == 0
+    joint, elsewhere = json.loads((tmp_path / "p.json").read_text())
+    assert "sensor" not in joint["reason"]
+    assert not elsewhere["trusted"]
+    assert elsewhere["reason"].startswith("sensor rod_c_axial is at 0.02 m, the model was trained with 0.12")
+
+
 @pytest.fixture
 def small_disk(tmp_path):
     """A file system of its own that holds 300 kB."""

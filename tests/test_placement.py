@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from clearance.configuration import CONFIGURATION, with_mechanism_file, with_mechanism_path
 from clearance.placement import best_by_size, training
 from tests.command_line import call
 
@@ -33,6 +34,9 @@ def test_it_ranks_sets_and_writes_a_file_and_a_picture(monkeypatch, capfd, tmp_p
         ("most=11", "most = 11"),
         ("best=0", "best = 0"),
         ("sensor_chain=ideal", "without noise"),
+        ("integrator=euler", "leave integrator out"),
+        ("integrator.step=5e-6", "leave integrator out"),
+        ("chain.base_rate=4000", "at least 500 Hz"),
     ],
 )
 def test_wrong_input_is_one_line(monkeypatch, capfd, tmp_path, override, words):
@@ -50,4 +54,26 @@ def test_the_best_of_each_size_and_how_to_train_on_them():
         [["a"], ["b"]],
         [["a", "b"], ["a", "c"]],
     ]
-    assert "'sensors.channels=[a,b],[a]'" in training(ranking[:2], "C")
+    own = ["most=2", "sensors.channels=[a,b,c]", "conditions.window=0.01"]
+    asked = ["joint=B", *own, "mechanism.rod.mass=0.3"]
+    assert training(ranking[:2], asked) == (
+        "to train on the best: python -m clearance.train -m model=tcn sensor_chain=mems joint=B "
+        "mechanism.rod.mass=0.3 'sensors.channels=[a,b],[a]'"
+    )
+    louder = ["+sensor_chain.default.noise=0.01"]
+    assert "sensor_chain=mems +sensor_chain.default.noise=0.01 " in training(ranking[:2], louder)
+    assert "sensor_chain=mems" not in training(ranking[:2], ["sensor_chain=ideal"])
+
+
+def test_what_to_train_has_the_ranked_machines_file(monkeypatch, capfd, tmp_path):
+    file = tmp_path / "my rig.yaml"
+    file.write_text((CONFIGURATION / "mechanism/slider_crank.yaml").read_text())
+    code, _ = call(
+        monkeypatch, capfd, "placement", f"mechanism={file}", "conditions.clearances=[3e-4]", "most=1",
+        "conditions.speeds=[700]", "sensors.channels=[rod_b_axial]", "workers=1", "chain.decimation=5",
+        f"hydra.run.dir={tmp_path}",
+    )  # fmt: skip
+    assert code == 0
+    assert json.loads((tmp_path / "placement.json").read_text())["chain"]["decimation"] == 5
+    assert with_mechanism_path(with_mechanism_file(f"mechanism={file}")) == f"mechanism={file}"
+    assert with_mechanism_path("mechanism=slider_crank") == "mechanism=slider_crank"

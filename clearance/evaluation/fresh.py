@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from clearance.errors import InputError
 from clearance.models.gauge import Gauge
 from clearance.recording.channels import ACCELERATIONS
 from clearance.recording.dataset import LABELS
@@ -66,9 +67,17 @@ def evaluate_fresh(gauge: Gauge, campaign: Campaign, recordings: int) -> list[Fr
 
     Returns:
         One a joint whose clearance is estimated.
+
+    Raises:
+        InputError: every run became non-finite.
     """
     columns = [ACCELERATIONS.index(name) for name in gauge.channels]
     signals, labels = replace(campaign, seed=campaign.seed + _OTHER_SEED).fresh(recordings, epoch=0)
+    if not signals:
+        raise InputError(
+            f"fresh={recordings}: every fresh run became non-finite; set fresh=0, or train with another "
+            "integrator.step or machine"
+        )
     chain = asdict(campaign.chain)
     found = [gauge.estimate(one[:, columns].astype(float), campaign.chain.rate, chain) for one in signals]
     return [

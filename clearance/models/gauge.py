@@ -15,6 +15,7 @@ from clearance.models.familiarity import Familiarity
 from clearance.models.interval import ConformalInterval, robust_mean, spread
 from clearance.models.location import choose_threshold
 from clearance.recording.chain import chain_differences, declared_chain
+from clearance.recording.position import elsewhere
 from clearance.whole_files import read_json, write_json
 from clearance.windows.datamodule import TARGETS, WindowData
 from clearance.windows.scaling import Scalers
@@ -45,7 +46,7 @@ class Calibration:
     Attributes:
         coverage: Share of recordings whose interval holds the clearance [-].
         false_rejection: Share of familiar recordings that may be called unfamiliar [-].
-        limit: Largest clearance the gauge is made for [m].
+        limit: Largest clearance the gauge is made for [m]; that of its data where it is larger.
     """
 
     coverage: float = 0.9
@@ -71,6 +72,7 @@ class Gauge:
             where the clearance is was known.
         familiarity: with its training.
         chain: of measurement, in training.
+        positions: of the accelerometers along their links, in training [m]; of others nobody knows.
     """
 
     estimator: Estimator
@@ -80,6 +82,7 @@ class Gauge:
     thresholds: tuple[float, ...] | None
     familiarity: Familiarity
     chain: Mapping[str, Any]
+    positions: Mapping[str, float]
 
     def __post_init__(self) -> None:
         thresholds = self.targets if self.thresholds is None else self.thresholds
@@ -98,9 +101,10 @@ class Gauge:
             data: Set up.
             coverage: Of the interval [-].
             false_rejection: Share of familiar recordings that may be called unfamiliar [-].
-            limit: Largest clearance the gauge is made for [m].
+            limit: Largest clearance the gauge is made for [m]; that of the data where it is larger.
         """
         scalers, recordings = data.scalers, data.recordings
+        limit = max(limit, float(recordings.target.max()))
         validation, test = (
             by_recording(estimate_windows(estimator, scalers, part), part, recordings.target)
             for part in (data.validation_windows(), data.test_windows())
@@ -126,10 +130,15 @@ class Gauge:
         return cls(
             estimator, scalers, data.targets, tuple(intervals),
             tuple(thresholds) if len(thresholds) > 1 else None, familiarity, recordings.chain,
+            {name: place for name, place in recordings.positions.items() if name in data.channels},
         )  # fmt: skip
 
     def estimate(
-        self, signals: np.ndarray, rate: float, chain: Mapping[str, Any] | None = None
+        self,
+        signals: np.ndarray,
+        rate: float,
+        chain: Mapping[str, Any] | None = None,
+        positions: Mapping[str, float] | None = None,
     ) -> tuple[Estimate, ...]:
         """Estimate the clearances from a recording, one a target.
 
@@ -137,6 +146,7 @@ class Gauge:
             signals: (samples, channels) in the order of ``channels`` [channels' units].
             rate: Its sampling rate [Hz].
             chain: Its measurement chain as it declares it.
+            positions: Of its accelerometers along their links, as it declares them [m].
         """
         known = self.familiarity
         if abs(rate / known.rate - 1) > SAME_RATE:
@@ -164,8 +174,9 @@ class Gauge:
         )
         values = estimate_windows(self.estimator, self.scalers, windows)
         trusted, reason = known.judge(scaled)
-        if differences := chain_differences(declared_chain(chain), self.chain):
-            trusted, reason = False, differences if trusted else f"{differences}; {reason}"
+        differences = [chain_differences(chain, self.chain), *self._moved(positions or {})]
+        if any(differences):
+            trusted, reason = False, "; ".join(filter(None, [*differences, "" if trusted else reason]))
         loose = self.loose(np.array([point(own) for own in values.T]))
         return tuple(
             Estimate(
@@ -176,6 +187,12 @@ class Gauge:
                 zip(self.joints, values.T, self.intervals, strict=True)
             )
         )  # fmt: skip
+
+    def _moved(self, positions: Mapping[str, float]) -> list[str]:
+        return [
+            f"sensor {name} is at {positions[name]:g} m, the model was trained with {self.positions[name]:g}"
+            for name in elsewhere(positions, self.positions)
+        ]
 
     def loose(self, points: np.ndarray) -> np.ndarray | None:
         """Which joints have clearance by their estimates (..., targets) [m]; ``None`` where it is known."""
@@ -203,6 +220,7 @@ class Gauge:
                 "thresholds": self.thresholds,
                 "familiarity": self.familiarity.to_json(),
                 "chain": dict(self.chain),
+                "positions": dict(self.positions),
             },
         )
 
@@ -221,6 +239,7 @@ class Gauge:
                 None if thresholds is None else tuple(map(float, thresholds)),
                 Familiarity.from_json(calibration["familiarity"]),
                 declared_chain(calibration.get("chain")),
+                {name: float(place) for name, place in dict(calibration.get("positions", {})).items()},
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(

@@ -88,9 +88,10 @@ class ConformalInterval:
         """Low and high end [m] for a recording whose windows gave ``estimates`` (windows,) [m]."""
         place = max(int(np.searchsorted(self.windows, len(estimates), side="right")) - 1, 0)
         quantile = self.quantiles[place]
+        centre = robust_mean(estimates)
         if quantile is None:
-            return 0.0, self.limit
-        centre, width = robust_mean(estimates), quantile * (self.floor + spread(estimates))
+            return 0.0, max(self.limit, centre)
+        width = quantile * (self.floor + spread(estimates))
         # A clearance is never negative: cutting there costs no coverage.
         return max(centre - width, 0.0), max(centre + width, 0.0)
 

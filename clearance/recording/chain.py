@@ -93,12 +93,25 @@ def declared_chain(chain: object) -> dict[str, Any]:
     return {key: chain.get(key, value) for key, value in asdict(MeasurementChain()).items()}
 
 
-def chain_differences(recorded: Mapping[str, Any], trained: Mapping[str, Any]) -> str:
-    """In which keys the chain of a recording is not that of a model's training, in words; or nothing."""
+def chain_differences(declared: object, trained: Mapping[str, Any]) -> str:
+    """In which keys the chain of a recording is not that of a model's training, in words; or nothing.
+
+    Args:
+        declared: what the recording declares under ``chain``; ``None``: nothing, which is the usual chain
+            where the model was trained with that.
+        trained: of the model's training, complete.
+    """
+    recorded = declared_chain(declared)
+    other = {key: value for key, value in trained.items() if not _equal(recorded[key], value)}
+    if other and not declared:
+        known = ", ".join(f"chain.{key} = {value}" for key, value in other.items())
+        return (
+            f"its chain is not declared, the model was trained with {known}; give chain: in the YAML beside "
+            "it"
+        )
     return "; ".join(
         f"recorded with chain.{key} = {recorded[key]}, the model was trained with {value}"
-        for key, value in trained.items()
-        if not _equal(recorded[key], value)
+        for key, value in other.items()
     )
 
 

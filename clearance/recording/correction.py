@@ -2,7 +2,7 @@
 
 Bias, gain, delay and mounting angle are taken out, so that a model trained on ideal sensors can read the
 recording. Bandwidth and noise stay: undoing the one would amplify the other. An encoder's angle that begins
-again after each turn is counted on.
+again after each turn, or after several, is counted on.
 """
 
 from dataclasses import replace
@@ -15,8 +15,8 @@ from clearance.recording.recording import Recording
 from clearance.recording.sensors import declared_chain
 
 _ENCODER = "crank_angle"
-_TURN = 1.01 * 2.0 * np.pi  # rad; an angle that stays within one, and jumps, begins again after each
-_TOO_FAR = 0.4  # turns from sample to sample
+_TURN = 2.0 * np.pi  # rad
+_TOO_FAR = 0.4  # from sample to sample, of the turns after which an angle begins again
 _PARALLEL = 0.1  # cosine of the angle by which two axes differ from a right one: less tells them not apart
 
 
@@ -24,9 +24,9 @@ def corrected(recording: Recording) -> Recording:
     """What ideal sensors would have written; the same object where nothing is declared or begins again.
 
     Raises:
-        InputError: if an angle begins again after each turn and turns too far between samples; if a mounting
-            angle is declared for an axis whose partner was not recorded, or leaves both axes of a pair along
-            about one direction.
+        InputError: if an angle that begins again turns too far between samples, or does so after no whole
+            number of turns; if a mounting angle is declared for an axis whose partner was not recorded, or
+            leaves both axes of a pair along about one direction.
     """
     recording = _counted_on(recording)
     chain = declared_chain(recording)
@@ -65,19 +65,34 @@ def _counted_on(recording: Recording) -> Recording:
     if _ENCODER not in recording.channels:
         return recording
     angle = recording.channel(_ENCODER)
-    if np.ptp(angle) > _TURN or np.abs(np.diff(angle)).max(initial=0.0) <= np.pi:
+    if not _jumps_back(angle):
         return recording
-    onward = np.unwrap(angle)
-    turned = float(np.median(np.abs(np.diff(onward)))) / (2.0 * np.pi)
-    if turned > _TOO_FAR:
+    span = float(np.ptp(angle)) / _TURN
+    turns = max(round(span), 1)
+    onward = np.unwrap(angle, period=turns * _TURN)
+    turned = float(np.median(np.abs(np.diff(onward)))) / _TURN
+    every = "each turn" if turns == 1 else f"{turns} turns"
+    if turned > _TOO_FAR * turns:
         raise InputError(
-            f"{_ENCODER} begins again after each turn and goes {turned:.2f} turns from sample to sample; "
-            f"above {_TOO_FAR:g} nobody can say which way: give it counted on from turn to turn, or record "
-            "faster"
+            f"{_ENCODER} begins again after {every} and goes {turned:.2f} turns from sample to sample; "
+            f"above {_TOO_FAR * turns:g} nobody can say which way: give it counted on from turn to turn, or "
+            "record faster"
+        )
+    if _jumps_back(onward):
+        raise InputError(
+            f"{_ENCODER} covers {span:.2f} turns and jumps back by others than {every}: where it begins "
+            "again cannot be told; give it counted on from turn to turn"
         )
     values = recording.values.copy()
     values[:, recording.channels.index(_ENCODER)] = onward
     return replace(recording, values=values)
+
+
+def _jumps_back(angle: np.ndarray) -> bool:
+    """Whether (samples,) angles anywhere go more than half a turn against the sense of most steps."""
+    steps = np.diff(angle)
+    sense = np.sign(np.sign(steps).sum())
+    return bool(((np.abs(steps) > _TURN / 2.0) & (steps * sense <= 0.0)).any())
 
 
 def _advanced(signal: np.ndarray, samples: float) -> np.ndarray:

@@ -158,8 +158,9 @@ def _last_part(name: str) -> str:
 
 def _unknown_columns(unknown: list[str], declaration: Declaration) -> str:
     hint = resembling(_last_part(unknown[0]), [*CHANNELS, TIME])
+    shown = listing(name or "''" for name in unknown)
     return (
-        f"columns {listing(unknown)} are no channels (or share their last name){hint}; in {declaration.name} "
+        f"columns {shown} are no channels (or share their last name){hint}; in {declaration.name} "
         f'name them under `columns:` ("{unknown[0]}": CHANNEL) or list them under `ignore:`; channels are '
         f"{listing([TIME, *CHANNELS], len(CHANNELS) + 1)}"
     )

@@ -111,23 +111,29 @@ def read_csv(path: Path) -> Table:
     """
     with path.open("rb") as file:
         line = file.readline(HEADER_BYTES)
-    header = line.decode("utf-8-sig").rstrip("\r\n")
+    if b"\0" in line:
+        raise InputError("the file is UTF-16 text, or none; save it as text in UTF-8")
+    with _of_utf8():
+        header = line.decode("utf-8-sig").rstrip("\r\n")
     delimiter = max(",;\t", key=header.count)
     names = [name.strip() for name in next(csv.reader([header], delimiter=delimiter), [])]
     if not any(names):
         raise InputError("the first row is empty; it must name the columns")
     if all(_reads_as_number(name) for name in names):
         raise InputError(f"the first row holds numbers ({listing(names, 3)}); it must name the columns")
-    _require_distinct(names)
-    table = pacsv.read_csv(
-        path,
-        read_options=pacsv.ReadOptions(column_names=names, skip_rows=1),
-        parse_options=pacsv.ParseOptions(delimiter=delimiter),
-        convert_options=pacsv.ConvertOptions(
-            column_types={name: pa.string() for name in names}, strings_can_be_null=True, null_values=[""]
-        ),
-    )
+    with _of_utf8():
+        table = pacsv.read_csv(
+            path,
+            read_options=pacsv.ReadOptions(column_names=names, skip_rows=1),
+            parse_options=pacsv.ParseOptions(delimiter=delimiter),
+            convert_options=pacsv.ConvertOptions(
+                column_types={name: pa.string() for name in names}, strings_can_be_null=True, null_values=[""]
+            ),
+        )
     require_size(table.num_rows)
+    while not names[-1] and table.column(len(names) - 1).null_count == table.num_rows:
+        names.pop()  # of a delimiter that ends each row
+    _require_distinct(names)
     columns: dict[str, NDArray[np.float64]] = {}
     refused: dict[str, str] = {}
     for name in names:
@@ -141,9 +147,22 @@ def read_csv(path: Path) -> Table:
     return Table(columns, refused, strict=True)
 
 
-def _reads_as_number(text: str) -> bool:
+@contextmanager
+def _of_utf8() -> Iterator[None]:
+    """Say of text in another encoding that it is."""
     try:
-        float(text)
+        yield
+    except (UnicodeDecodeError, pa.ArrowInvalid) as error:
+        if isinstance(error, pa.ArrowInvalid) and "invalid UTF8" not in str(error):
+            raise
+        raise InputError(
+            "the file is not UTF-8 but another encoding, such as Latin-1 (Windows-1252); save it as UTF-8"
+        ) from error
+
+
+def _reads_as_number(text: str | None) -> bool:
+    try:
+        float(text or "")
     except ValueError:
         return False
     return True
@@ -160,7 +179,7 @@ def _first_text(raw: pa.ChunkedArray, text: pa.ChunkedArray) -> str:
         except pa.ArrowInvalid:
             bad = middle
     hint = ""
-    if good == 0:
+    if good == 0 and _reads_as_number(text[1].as_py() if len(text) > 1 else None):
         hint = " (a second row with units is not supported: delete it and give `units:` in the YAML)"
     return f"row {good + 2} holds {raw[good].as_py()[:40]!r}, not a number{hint}"
 

@@ -2,7 +2,7 @@
 
 import csv
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import yaml
 from clearance.errors import InputError
 from clearance.recording.chain import declared_chain
 from clearance.recording.correction import corrected
+from clearance.recording.position import declared_positions, elsewhere
 from clearance.recording.recording import Recording
 from clearance.windows.sources import SAME_RATE, FixedSource, LabelledRecordings, check_memory
 
@@ -32,7 +33,7 @@ class MeasuredSource(FixedSource):
     def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Read every file of the list."""
         entries = _entries(Path(self.path))
-        signals, rates, chains = [], [], []
+        signals, rates, chains, places = [], [], [], []
         digest, used = hashlib.sha256(), 0
         for entry in entries:
             file = Path(self.path).parent / str(entry["path"])
@@ -40,6 +41,7 @@ class MeasuredSource(FixedSource):
             try:
                 signals.append(corrected(recording).select(channels).values.astype(np.float32))
                 chains.append(declared_chain(recording.metadata.get("chain")))
+                places.append(declared_positions(recording))
             except InputError as error:
                 raise InputError(f"{file}: {error}") from error
             rates.append(recording.rate)
@@ -71,7 +73,21 @@ class MeasuredSource(FixedSource):
             groups=np.unique(names, return_inverse=True)[1],
             fingerprint=digest.hexdigest(),
             chain=chains[0],
+            positions=_common(places, self.path),
         )
+
+
+def _common(places: Sequence[Mapping[str, float]], path: str) -> dict[str, float]:
+    """Where every recording declares its accelerometers."""
+    known: dict[str, float] = {}
+    for own in places:
+        if moved := elsewhere(own, known):
+            raise InputError(
+                f"{path}: recordings with sensor {moved[0]} at {known[moved[0]]:g} m and at "
+                f"{own[moved[0]]:g} m: one common place is needed; set data.source.path"
+            )
+        known |= own
+    return {name: place for name, place in known.items() if all(name in own for own in places)}
 
 
 def _entries(path: Path) -> list[dict[str, Any]]:

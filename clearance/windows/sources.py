@@ -18,6 +18,7 @@ from clearance.provenance import fingerprint
 from clearance.recording.chain import declared_chain
 from clearance.recording.channels import ACCELERATIONS
 from clearance.recording.dataset import LABELS, Dataset
+from clearance.recording.position import mounted
 from clearance.recording.synthesis import Campaign
 from clearance.windows.splitting import RandomSplit, Split
 
@@ -39,6 +40,7 @@ class LabelledRecordings:
     groups: np.ndarray  # (recordings,) equal numbers must stay on one side of a split
     fingerprint: str  # changes when any of the data changes
     chain: Mapping[str, Any] = field(default_factory=lambda: declared_chain(None))  # of measurement
+    positions: Mapping[str, float] = field(default_factory=dict)  # of accelerometers, where known [m]
     offsets: np.ndarray = field(init=False)  # (recordings,) first sample in ``signals``
 
     def __post_init__(self) -> None:
@@ -190,6 +192,7 @@ class StreamingSource:
             groups=np.arange(len(signals)),
             fingerprint=f"stream-{self.simulation.fingerprint}",
             chain=asdict(self.simulation.chain),
+            positions=mounted(self.simulation.settings),
         )
 
     def divide(self, recordings: LabelledRecordings, split: RandomSplit) -> Split:
@@ -248,6 +251,7 @@ def read_dataset(
         groups=np.arange(len(available)),
         fingerprint=fingerprint([dataset.fingerprint, available.tolist()]),
         chain=declared_chain(dataset.settings.get("chain")),
+        positions=mounted(dataset.settings),
     )
 
 

@@ -138,6 +138,8 @@ def recordings(tmp_path_factory):
     write(replace(whole, values=whole.values[:1500]), folder / "short_of_a_third.parquet")
     write(replace(whole, values=whole.values[::2], rate=5e3), folder / "slow.parquet")
     write(whole.select(["crank_b_axial"]), folder / "crank.parquet")
+    write(whole, folder / "moved.parquet")
+    (folder / "moved.yaml").write_text("sensors: {rod_c_axial: {position: 0.1}}")
     turned = np.arange(300.0)[:, None] * [0.5, 1e-4]
     write(Recording(turned, ("crank_angle", "slider_position"), 100.0), folder / "motion.parquet")
     return folder
@@ -161,6 +163,14 @@ def recordings(tmp_path_factory):
         (("recordings=a.parquet", "sensors=crank"), "change sensors"),
         (("recordings=[a.parquet,crank.parquet]",), "at least one on rod or slider"),
         (("recordings=[a.parquet,slow.parquet]",), "their rates differ"),
+        (
+            ("recordings=moved.parquet",),
+            "moved.parquet: sensor rod_c_axial is at 0.1 m, the machine has it at 0.12 m; change mech",
+        ),
+        (
+            ("recordings=a.parquet", "held_out=moved.parquet", "mechanism.sensor_positions=[0,0.05,0,0.11]"),
+            "the machine has it at 0.11 m",
+        ),
         (("held_out=a.parquet",), "nothing to fit; give recordings"),
     ],
 )

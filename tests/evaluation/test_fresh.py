@@ -16,6 +16,7 @@ from clearance.evaluation.fresh import FRESH, evaluate_fresh, read_fresh
 from clearance.evaluation.results import collect, markdown, marks, put_between_marks
 from clearance.models.gauge import Gauge
 from clearance.models.run_folder import RunFolder
+from clearance.recording.synthesis import Campaign
 
 CALIBRATION, FRESH_RECORDINGS = 60, 150
 
@@ -61,6 +62,21 @@ def test_of_recordings_that_no_campaign_made_nothing_fresh_is_simulated(tmp_path
     source = {"source": {"_target_": "clearance.windows.measured.MeasuredSource"}}
     (tmp_path / "config.yaml").write_text(yaml.safe_dump({"campaign": {"runs": 3}, "data": source}))
     measure_coverage(tmp_path, 10)
+    assert not (tmp_path / FRESH).exists()
+
+
+def test_fresh_runs_that_all_fail_are_one_line(forest, tmp_path, monkeypatch):
+    gauge, campaign = forest
+    monkeypatch.setattr(Campaign, "fresh", lambda self, runs, epoch: ([], np.empty((0, 3))))
+    monkeypatch.setattr("clearance.evaluate.load_gauge", lambda run: gauge)
+    monkeypatch.setattr("clearance.evaluate.instantiate_trusted", lambda config, where: campaign)
+    source = {"source": {"_target_": "clearance.windows.sources.SimulatedSource"}}
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump({"campaign": {"runs": 3}, "data": source}))
+    with pytest.raises(
+        InputError, match=r"fresh=7: every fresh run became non-finite; set fresh=0"
+    ) as caught:
+        measure_coverage(tmp_path, 7)
+    assert str(caught.value).startswith(f"{tmp_path}: ")
     assert not (tmp_path / FRESH).exists()
 
 

@@ -1,10 +1,12 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from clearance.errors import InputError
 from clearance.models.gauge import Gauge
+from clearance.recording.chain import declared_chain
 from tests.models.conftest import configured
 
 
@@ -29,6 +31,20 @@ def test_a_saved_gauge_reads_the_same(trained, tmp_path, chirps):
         assert one.windows == 10
 
 
+def test_a_gauge_of_larger_clearances_than_the_configured_reaches_as_far_as_its_data(make_data, open_run):
+    data = make_data(runs=20, samples=600)
+    estimator = configured("xgboost")
+    estimator.fit(data, open_run())
+    gauge = Gauge.calibrate(estimator, data, coverage=0.9, false_rejection=0.05, limit=2e-4)
+    assert gauge.intervals[0].quantiles[-1] is None  # three recordings support no 90 %
+    largest = int(np.argmax(data.recordings.target))
+    scaler = data.scalers.signals
+    raw = data.recordings.recording(largest) * np.array(scaler.deviation) + np.array(scaler.mean)
+    (one,) = gauge.estimate(raw, 1e4)
+    assert one.clearance_m > 2e-4
+    assert (one.low_m, one.high_m) == (0.0, max(data.recordings.target.max(), one.clearance_m))
+
+
 def test_a_recording_is_scaled_as_in_training(trained):
     gauge, data = trained
     index = int(data.parts.test[0])
@@ -43,6 +59,19 @@ def test_a_recording_is_scaled_as_in_training(trained):
     assert gauge.estimate(raw, 1e4)[0].spread_m == pytest.approx(
         1.4826 * np.median(np.abs(expected - np.median(expected))), rel=0.2, abs=1e-6
     )
+
+
+def test_of_a_chain_that_is_not_declared_nothing_is_claimed(trained):
+    gauge, data = trained
+    recording, usual = data.recordings.recording(0), declared_chain(None)
+    assert "chain" not in gauge.estimate(recording, 1e4)[0].reason
+    other = replace(gauge, chain={**usual, "base_rate": 256e3})
+    (silent,), (declared,) = (other.estimate(recording, 1e4, chain) for chain in (None, usual))
+    assert not silent.trusted
+    assert silent.reason.startswith(
+        "its chain is not declared, the model was trained with chain.base_rate = 256000.0; give chain: in"
+    )
+    assert declared.reason.startswith("recorded with chain.base_rate = 100000.0")
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,7 @@ def test_too_few_recordings_give_the_whole_range():
     rng = np.random.default_rng(1)
     interval = ConformalInterval.calibrate(recordings(rng, 3), recordings(rng, 5), coverage=0.9, limit=1e-3)
     assert interval.bounds(np.full(20, 5e-4)) == (0.0, 1e-3)
+    assert interval.bounds(np.full(20, 1.5e-3)) == (0.0, 1.5e-3)  # and never leave the estimate outside
 
 
 def test_an_interval_survives_json():

@@ -39,9 +39,10 @@ def test_nothing_declared_changes_nothing():
 
 @pytest.mark.parametrize("speed", [60.0, -60.0])
 @pytest.mark.parametrize("around", [0.0, np.pi])
-def test_an_encoder_that_begins_again_after_each_turn_is_counted_on(speed, around):
-    onward = 1.0 + speed * np.arange(4000) / RATE
-    wrapped = (onward + around) % (2.0 * np.pi) - around
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_an_encoder_that_begins_again_after_some_turns_is_counted_on(speed, around, turns):
+    onward = 1.0 + speed * np.arange(8000) / RATE
+    wrapped = (onward + around) % (turns * 2.0 * np.pi) - around
     values = np.stack([wrapped, np.sin(onward)], axis=1)
     found = corrected(Recording(values, ("crank_angle", "rod_c_axial"), RATE, 0.0, {}))
     turns = (found.values[:, 0] - onward) / (2.0 * np.pi)
@@ -56,6 +57,21 @@ def test_a_slow_encoder_that_does_not_tell_its_sense_is_refused():
         corrected(one)
     whole = Recording(onward[:, None], ("crank_angle",), 20.0, 0.0, {})
     assert corrected(whole) is whole
+
+
+def test_an_encoder_that_begins_again_out_of_turn_is_refused():
+    onward = 60.0 * np.arange(4000) / RATE
+    reset = np.where(np.arange(4000) < 2000, onward % (4.0 * np.pi), onward % (2.0 * np.pi))
+    with pytest.raises(InputError, match=r"covers 1\.91 turns and jumps back by others than 2 turns"):
+        corrected(Recording(reset[:, None], ("crank_angle",), RATE, 0.0, {}))
+
+
+def test_a_counted_angle_of_a_slow_recorder_is_left_as_it_is():
+    # from rest to 0.8 turns a sample, with noise
+    steps = 2.0 * np.pi * np.minimum(np.arange(60) / 20.0, 0.8)
+    counted = np.cumsum(steps) + np.random.default_rng(0).normal(0.0, 0.01, 60)
+    one = Recording(counted[:, None], ("crank_angle",), 20.0, 0.0, {})
+    assert corrected(one) is one
 
 
 def test_axes_along_one_direction_are_refused():

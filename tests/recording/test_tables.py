@@ -56,6 +56,8 @@ def test_values_that_are_not_finite_are_located(tmp_path, suffix, bad):
         ("time,rod_b_axial\n0,1\n", "1 samples are too few"),
         ("0.0,1.0\n0.1,2.0\n", "the first row holds numbers"),
         ("time,rod_b_axial\ns,m/s^2\n0,1\n1,2\n", "row 2 holds .*a second row with units is not supported"),
+        ("time,rod_b_axial\nlong,abc\nshort,def\n", "'time' row 2 holds 'long', not a number$"),
+        ("time,rod_b_axial,\n0,1,5\n0.01,2,\n", """columns '' are no channels .*"": CHANNEL"""),
         ("time,rod_b_axial\n0,1\n1,2\n2,abc\n", "column 'rod_b_axial' row 4 holds 'abc', not a number"),
         ("time,rod_b_axial\n0,1\n0.01,2\n0.02\n", "Expected 2 columns"),
         ("time,rod_b_axial\n0,1\n0.01,\n", "'rod_b_axial' has 1 values"),
@@ -77,6 +79,28 @@ def test_a_bad_csv_is_one_line(tmp_path, text, message):
         read(tmp_path / "run.csv")
     assert str(caught.value).startswith(str(tmp_path / "run.csv"))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("end", [",", ",,"])
+def test_a_delimiter_at_the_end_of_each_row_is_no_column(tmp_path, end):
+    rows = ("time,rod_b_axial", "0,1", "0.01,2", "0.02,4")
+    (tmp_path / "run.csv").write_text("".join(f"{row}{end}\n" for row in rows))
+    assert read(tmp_path / "run.csv").values[:, 0].tolist() == [1.0, 2.0, 4.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "encoding", "words"),
+    [
+        ("time,temperature °C,rod_b_axial\n0,1,1\n0.01,2,2\n", "latin-1", r"Latin-1 .*save it as UTF-8"),
+        ("time,rod_b_axial\ns,m/s²\n0,1\n0.01,2\n", "cp1252", r"Latin-1 .*save it as UTF-8"),
+        ("time,rod_b_axial\n0,1\n0.01,2\n", "utf-16", "UTF-16 text.* in UTF-8"),
+        ("time,rod_b_axial\n0,1\n0.01,2\n", "utf-16-be", "UTF-16 text.* in UTF-8"),
+    ],
+)
+def test_another_encoding_is_named(tmp_path, text, encoding, words):
+    (tmp_path / "run.csv").write_bytes(text.encode(encoding))
+    with pytest.raises(InputError, match=words):
+        read(tmp_path / "run.csv")
 
 
 def test_columns_of_different_length_are_refused(tmp_path):

@@ -85,6 +85,45 @@ def test_a_gap_is_located(lost):
 
 
 @pytest.mark.parametrize(
+    ("rate", "decimals", "samples"),
+    [
+        (9999.5, 4, 60_000),  # every 20 000th step is two of the last digit
+        (999.75, 3, 20_000),
+        (7000.0, 4, 20_000),
+        (25_600.0, 5, 50_000),
+        (44_100.0, 5, 50_000),
+        (48_000.0, 5, 50_000),
+        (51_200.0, 6, 50_000),
+    ],
+)
+@pytest.mark.parametrize("start", [0.0, 12.3456])
+def test_steps_of_no_whole_number_of_last_digits_are_no_gaps(rate, decimals, samples, start):
+    times = start + np.arange(samples) / rate
+    base = uniform_time_base(printed(times, f"%.{decimals}f"))
+    assert base.rate == pytest.approx(rate, rel=2.0 * 10.0**-decimals * rate / samples)
+
+
+@pytest.mark.parametrize(
+    ("rate", "decimals"),
+    [(10_000.0, 4), (10_000.0, 5), (1000.0, 3), (7000.0, 4), (44_100.0, 5), (48_000.0, 5), (51_200.0, 6)],
+)
+@pytest.mark.parametrize("lost", [300, 2500, 4900])
+def test_a_lost_sample_is_no_long_step(rate, decimals, lost):
+    times = np.delete(np.arange(5000) / rate, lost)
+    with pytest.raises(InputError, match=r"time (jumps|is not uniform)"):
+        uniform_time_base(printed(times, f"%.{decimals}f"))
+
+
+def test_lost_samples_are_out_of_turn_and_regular_ones_a_slower_clock():
+    times = np.arange(6000) / 1000.0
+    for lost in ([2000, 4000], [1000, 2900, 5002]):
+        with pytest.raises(InputError, match=r"time jumps .* where no sample is missing, list time under"):
+            uniform_time_base(printed(np.delete(times, lost), "%.3f"))
+    slower = uniform_time_base(printed(np.delete(times, [1000, 3001, 5002]), "%.3f"))
+    assert slower.rate == pytest.approx(999.5, abs=0.2)
+
+
+@pytest.mark.parametrize(
     ("stamps", "message"),
     [
         ([0.0, 0.1, 0.2, 0.1, 0.2], r"goes back from 0\.2 s to 0\.1 s after sample 2 \(1 such"),

@@ -183,6 +183,36 @@ def test_a_gauge_remembers_the_chain_of_its_training():
     )
 
 
+@pytest.mark.parametrize(
+    ("overrides", "place"),
+    [
+        ([], 0.12),
+        (["mechanism.sensor_positions=[0,0.05,0.02,0.1]"], 0.1),
+        (["+campaign.random={rod.length:[0.11,0.13]}"], None),
+    ],
+)
+def test_a_gauge_remembers_where_the_sensors_of_its_training_were(overrides, place):
+    data = loaded("data=streaming", "runs=3", "data.source.held_out=1", *overrides)
+    assert data.recordings.positions.get("rod_c_axial") == place
+
+
+def test_where_the_sensors_of_a_list_are_is_what_all_its_recordings_declare(measured, campaign):
+    own = measured.with_name("places.csv")
+    rows = measured.read_text().splitlines()
+    places = ({"rod_b_axial": 0.0, "rod_c_axial": 0.1}, {"rod_c_axial": 0.1}, {"rod_c_axial": 0.12})
+    for run, declared in enumerate(places):
+        path = measured.with_name(f"placed-{run}.parquet")
+        write(campaign.recording(run), path)
+        sensors = {name: {"position": place} for name, place in declared.items()}
+        path.with_suffix(".yaml").write_text(json.dumps({"sensors": sensors}))
+    listed = [f"placed-{run % 2}.parquet,0,{1e-4 * (run + 1)},60," for run in range(RUNS)]
+    own.write_text("\n".join([rows[0], *listed]))
+    assert loaded("data=measured", f"data.source.path={own}").recordings.positions == {"rod_c_axial": 0.1}
+    own.write_text("\n".join([rows[0], *listed, "placed-2.parquet,0,1e-4,60,"]))
+    with pytest.raises(InputError, match=r"sensor rod_c_axial at 0\.1 m and at 0\.12 m: one common place"):
+        loaded("data=measured", f"data.source.path={own}")
+
+
 @pytest.mark.parametrize("end", ["finished", "killed"])
 def test_files_that_have_changed_are_another_training(measured, tmp_path, monkeypatch, capfd, end):
     monkeypatch.chdir(tmp_path)

@@ -8,6 +8,7 @@ Below that it cannot be seen here, which is not the same as absent.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,9 @@ NOISE = 0.01  # of a channel's standard deviation
 
 _SETTLED, _DURATION = 0.3, 0.3  # s
 _FORCES = np.array([1e-3, 1e-3, 1e-2])  # N m, N m, N: unknown forces as a finished fit has them
-_MARGIN = 1000  # samples at the base rate for the filter's tails
+_MARGIN = 100  # samples of a recording for the filter's tails
+_STEP = 1e-5  # s, at most
+_CHAIN = MeasurementChain()
 
 
 def smallest(deviations: np.ndarray) -> np.ndarray:
@@ -222,19 +225,26 @@ def _varied(hypothesis: Hypothesis, machine: SliderCrank) -> SliderCrank:
     return hypothesis.apply(machine, values)
 
 
-def follower_on_path(machine: SliderCrank, noise: float = NOISE) -> Follower:
+def follower_on_path(
+    machine: SliderCrank, noise: float = NOISE, chain: MeasurementChain = _CHAIN
+) -> Follower:
     """A follower on a noiseless recording of the machine by all accelerometers, at the true nodes.
 
-    ``noise`` is what it is held to have: standard deviation over that of the channel.
+    Args:
+        machine: runs by Runge-Kutta's fourth order in steps of at most 10 µs, refined in contact.
+        noise: what the recording is held to have: standard deviation over that of the channel.
+        chain: of measurement, of at least 500 Hz.
     """
-    chain = MeasurementChain()
-    integrator = Integrator("runge_kutta_4", 1.0 / chain.base_rate, 2)
+    period = 1.0 / chain.base_rate
+    substeps = ceil(period / _STEP - 1e-9)  # 1e-9: round-off must not add a step
+    integrator = Integrator("runge_kutta_4", period / substeps, 2)
     first, periods = round(_SETTLED * chain.base_rate), SAMPLES * chain.decimation
     segments = round(_DURATION * chain.base_rate / periods)
-    run = simulate_trajectory(machine, integrator, _SETTLED + _DURATION + _MARGIN / chain.base_rate)
+    margin = _MARGIN * chain.decimation
+    run = simulate_trajectory(machine, integrator, _SETTLED + _DURATION + margin * period, substeps)
     if not run.finite:
         raise InputError("detectability: the nominal machine does not run at this clearance and speed")
-    filtered = chain.smooth(run.signals[first - _MARGIN :, : Signal.CRANK_ANGLE])[_MARGIN :: chain.decimation]
+    filtered = chain.smooth(run.signals[first - margin :, : Signal.CRANK_ANGLE])[margin :: chain.decimation]
     values = filtered[: segments * SAMPLES].reshape(segments, SAMPLES, -1)
     size = values.std(axis=(0, 1))
     # a sensor that shows nothing yet has the noise of the others

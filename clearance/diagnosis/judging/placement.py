@@ -22,10 +22,12 @@ from clearance.diagnosis.shooting.stretch import Pass
 from clearance.errors import InputError
 from clearance.mechanism.joint import CLEARANCE_RANGE
 from clearance.mechanism.parameters import require, require_list
+from clearance.recording.chain import MeasurementChain
 from clearance.recording.channels import ACCELERATIONS
 from clearance.recording.sensors import SensorChain
 
 _LOOSENESS = 1e-3  # of the process noise that a fit allows: here the simulator is the truth
+_SLOWEST = 500.0  # Hz: of which the run before a window holds the filter's tails
 _ABSOLUTE = np.sqrt(2.0 / np.pi)  # mean magnitude of a normal error over its standard deviation
 
 
@@ -39,10 +41,12 @@ class Conditions:
         clearance_range: what is known of the clearance before the recording [m].
         speed_range: likewise of the speed [rpm].
         sensors: whose noise the channels have.
+        chain: that filters and samples them.
         window: that is read at a time [s].
 
     Raises:
-        InputError: sensors without noise, or a window of less than 2 ms or more than 0.2 s.
+        InputError: sensors without noise, a window of less than 2 ms or more than 0.2 s, or a chain that is
+            too slow for it.
     """
 
     clearances: Sequence[float]
@@ -50,6 +54,7 @@ class Conditions:
     clearance_range: tuple[float, float]
     speed_range: tuple[float, float]
     sensors: SensorChain
+    chain: MeasurementChain
     window: float
 
     def __post_init__(self) -> None:
@@ -64,6 +69,13 @@ class Conditions:
                     f"'{name}_range'"
                 )
         require(self, 0.002, 0.2, window=self.window)
+        least = max(_SLOWEST, SAMPLES / self.window)
+        if self.chain.rate < least:
+            raise InputError(
+                f"chain: base_rate / decimation = {self.chain.rate:g} Hz is too slow: at least {least:g} Hz "
+                f"are needed for a window of {self.window:g} s; change chain.base_rate, chain.decimation or "
+                "conditions.window"
+            )
         if not all(
             one.noise > 0.0 or one.noise_density > 0.0 for one in map(self.sensors.sensor, ACCELERATIONS)
         ):
@@ -118,7 +130,7 @@ def _errors_at(
     """(sets,) the same at one clearance and speed, averaged over windows side by side."""
     model, values = setting.model(), np.array([clearance, speed])
     machine = model.machine(values)
-    follower = follower_on_path(machine)
+    follower = follower_on_path(machine, chain=conditions.chain)
     measured = follower.measured
     noise = conditions.noise(measured.values.std(axis=(0, 1)), measured.chain.rate)
     follower.measured = replace(measured, sigma=noise)

@@ -9,6 +9,7 @@ from clearance.diagnosis.judging.placement import Conditions, _information, expe
 from clearance.diagnosis.sensing.measured import SAMPLES
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
+from clearance.recording.chain import MeasurementChain
 from clearance.recording.channels import ACCELERATIONS
 from clearance.recording.sensors import Sensor, SensorChain
 
@@ -19,7 +20,7 @@ QUIET = SensorChain(default=Sensor(noise_density=1e-3))
 def conditions(sensors=QUIET, **changes):
     plain = dict(
         clearances=[3e-4], speeds=[700.0], clearance_range=(0.0, 1e-3), speed_range=(500.0, 1000.0),
-        sensors=sensors, window=0.02,
+        sensors=sensors, chain=MeasurementChain(), window=0.02,
     )  # fmt: skip
     return Conditions(**plain | changes)
 
@@ -75,6 +76,17 @@ def test_more_sensors_never_tell_less_and_twice_the_noise_half_as_much():
     assert found[0] < 1e-6
     louder = errors(nested, SensorChain(default=Sensor(noise_density=2e-3)))
     assert louder == pytest.approx(2.0 * found, rel=1e-2)
+
+
+def test_what_is_told_is_that_of_the_chain():
+    rod = [ACCELERATIONS[4:8]]
+    chains = (MeasurementChain(1e5, 50, cutoff=0.5), MeasurementChain(2e4, 10, cutoff=0.5))
+    finer, coarser = (
+        expected_errors(SETTING, rod, conditions(chain=chain), 1, progress=False)[0, 0, 0] for chain in chains
+    )
+    assert finer > 1.2 * errors(rod)[0]  # 500 Hz of the rod's motion instead of 4 kHz
+    # the same filter behind steps as fine, of which a fifth is kept
+    assert coarser == pytest.approx(finer, rel=0.05)
 
 
 def test_noise_may_be_a_share_of_each_channels_signal_or_the_same_for_all():
