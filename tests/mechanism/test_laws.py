@@ -63,7 +63,8 @@ def test_each_family_has_one_null_member():
     for family, members in families.items():
         null = [law for law in members if law.code == 0]
         assert len(null) == 1, family
-        assert not null[0]().numbers()
+        # a speed that is divided by where the other joint has friction
+        assert set(null[0]().numbers()) <= {Parameter.JOINT_FRICTION_SPEED}
         assert len(fields(null[0])) == 0
 
 
