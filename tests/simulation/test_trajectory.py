@@ -54,3 +54,13 @@ def test_friction_in_one_of_two_loose_joints_leaves_the_other_without(rough):
     # friction of nothing sums the same forces in another order
     np.testing.assert_allclose(runs["zero"].states, runs["none"].states, atol=1e-6)
     assert np.abs(runs["some"].states - runs["none"].states).max() > 1e-4
+
+
+@pytest.mark.parametrize("every", [1, 7])
+def test_a_run_that_blows_up_is_not_finite(every):
+    # a step far beyond the contact's stability limit
+    machine = SliderCrank(joint_c=Joint(1e-4), drive=SpeedControl(600.0, 0.05, 2.0))
+    with np.errstate(all="ignore"):
+        run = simulate_trajectory(machine, Integrator(step=1e-3), 4.0, every)
+    assert len(run.time) < round(4.0 / 1e-3 / every)
+    assert not run.finite
