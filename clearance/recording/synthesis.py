@@ -17,7 +17,7 @@ from tqdm import tqdm
 from clearance.errors import InputError
 from clearance.mechanism.description import read_path, with_values
 from clearance.mechanism.joint import CLEARANCE_RANGE
-from clearance.mechanism.parameters import require, require_list
+from clearance.mechanism.parameters import require, require_kind, require_list
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import describe, fingerprint
 from clearance.recording.chain import MeasurementChain
@@ -102,6 +102,11 @@ class Campaign:
     device: str = "cpu"
 
     def __post_init__(self) -> None:
+        require_kind(self, SliderCrank, mechanism=self.mechanism)
+        require_kind(self, ClearanceLocation, joint=self.joint)
+        require_kind(self, Integrator, integrator=self.integrator)
+        require_kind(self, MeasurementChain, chain=self.chain)
+        require_kind(self, SensorChain, "write sensor_chain=NAME on the command line", sensors=self.sensors)
         if self.device not in DEVICES:
             raise InputError(
                 f"Campaign.device = {self.device!r} is not one of {', '.join(DEVICES)}; change the key that "
