@@ -65,6 +65,7 @@ def recording(campaign):
         ("mechanism.joint_c.friction=abc", "friction = 'abc' is no friction law; .*mechanism.joint_c.fric"),
         ("mechanism.joint_b.friction=${film}", "friction = Dry is no friction law"),
         ("mechanism.joint_b.contact=flores", "'flores' is no ContactLaw; write contact=flores on the comma"),
+        (("bearing=worn", "bearing.order=2.5"), "order = 2.5 is not a whole number of lobes; change bear"),
         ("campaign.joint=null", "joint = None is no ClearanceLocation; write joint=NAME .*campaign.joint$"),
         ("campaign.chain=null", "chain = None is no MeasurementChain; write chain=NAME .*campaign.chain$"),
         ("campaign.integrator=euler", "'euler' is no Integrator; write integrator=euler on the command li"),
@@ -82,7 +83,8 @@ def recording(campaign):
     ],
 )  # fmt: skip
 def test_simulate(refused, tmp_path, override, words):
-    refused("simulate", words, *SHORT, "dataset=data", override)
+    override = (override,) if isinstance(override, str) else override
+    refused("simulate", words, *SHORT, "dataset=data", *override)
     assert not (tmp_path / "data").exists()
 
 

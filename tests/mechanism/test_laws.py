@@ -94,6 +94,12 @@ def test_worn_surface_is_the_formula_of_a_wavy_circle(x, y, turn, order, phase):
     np.testing.assert_allclose([nx, ny], (radial - slope * around) / stretch, atol=1e-9)
 
 
+def test_lobes_are_a_whole_number():
+    assert bearing.Worn(order=2.0).numbers() == bearing.Worn(order=2).numbers()
+    with pytest.raises(InputError, match=r"order = 2\.5 is not a whole number"):
+        bearing.Worn(order=2.5)
+
+
 def test_a_linkage_that_cannot_turn_is_refused():
     with pytest.raises(InputError, match=r"rod\.length.*0\.05"):
         SliderCrank(rod=Link(0.21, 2.5e-4, 0.05))
