@@ -60,7 +60,7 @@ class SliderCrank:
     Attributes:
         crank: from A to B.
         rod: from B to C.
-        slider: C is its centre; its length only matters to a loose guide.
+        slider: C is its centre; its length has no effect: a loose guide has its own ``shoe_half_length``.
         guide_offset: height of the guide line above A [m].
         gravity: components along x and y [m/s^2].
         sensor_positions: of the accelerometers [m] along their link from its first joint: crank A, crank B,
