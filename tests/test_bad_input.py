@@ -66,6 +66,7 @@ def recording(campaign):
         ("mechanism.joint_b.friction=${film}", "friction = Dry is no friction law"),
         ("mechanism.joint_b.contact=flores", "'flores' is no ContactLaw; write contact=flores on the comma"),
         (("bearing=worn", "bearing.order=2.5"), "order = 2.5 is not a whole number of lobes; change bear"),
+        ("drive=free", "mechanism.drive = Free: nothing turns a run, which begins at rest.*change mechanism.drive$"),
         ("campaign.joint=null", "joint = None is no ClearanceLocation; write joint=NAME .*campaign.joint$"),
         ("campaign.chain=null", "chain = None is no MeasurementChain; write chain=NAME .*campaign.chain$"),
         ("campaign.integrator=euler", "'euler' is no Integrator; write integrator=euler on the command li"),

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from clearance.errors import InputError
 from clearance.mechanism.description import read_path, with_values
+from clearance.mechanism.drive import Free
 from clearance.mechanism.joint import CLEARANCE_RANGE
 from clearance.mechanism.parameters import require, require_kind, require_list
 from clearance.mechanism.slider_crank import SliderCrank
@@ -76,7 +77,7 @@ class Campaign:
         runs: how many.
         seed: of all draws.
         clearance_range: of the uniform draw [m].
-        speed_range: of the uniform draw [rpm].
+        speed_range: of the uniform draw of the speed that the drive is asked for [rpm].
         duration: of a simulation [s].
         record_start: time of the first recorded sample [s].
         random: path of a number of the machine, such as ``guide_friction.coulomb_force``, to the limits of
@@ -107,6 +108,11 @@ class Campaign:
         require_kind(self, Integrator, integrator=self.integrator)
         require_kind(self, MeasurementChain, chain=self.chain)
         require_kind(self, SensorChain, "write sensor_chain=NAME on the command line", sensors=self.sensors)
+        if isinstance(self.mechanism.drive, Free):
+            raise InputError(
+                "Campaign.mechanism.drive = Free: nothing turns a run, which begins at rest, at its label's "
+                "speed; write drive=speed_control or drive=direct_current_motor, or change mechanism.drive"
+            )
         if self.device not in DEVICES:
             raise InputError(
                 f"Campaign.device = {self.device!r} is not one of {', '.join(DEVICES)}; change the key that "
@@ -173,7 +179,10 @@ class Campaign:
         return described
 
     def labels(self, runs: Sequence[int]) -> np.ndarray:
-        """(runs, 3) clearance of B and C [m] and speed [rad/s]."""
+        """(runs, 3) clearance of B and C [m], and the speed that the drive is asked for [rad/s].
+
+        A motor at constant voltage is asked for its no-load speed, and turns more slowly.
+        """
         low, high = self.clearance_range
         slow, fast = self.speed_range
         unknown = any(path.endswith(".clearance") for path in self.random or ())
