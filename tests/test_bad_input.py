@@ -66,6 +66,18 @@ def recording(campaign):
         ("mechanism.joint_b.friction=${film}", "friction = Dry is no friction law"),
         ("mechanism.joint_b.contact=flores", "'flores' is no ContactLaw; write contact=flores on the comma"),
         (("bearing=worn", "bearing.order=2.5"), "order = 2.5 is not a whole number of lobes; change bear"),
+        (
+            ("bearing=worn", "mechanism.joint_b.clearance=1e-5"),
+            r"amplitude = 2e-05 m closes the bore of a joint .*1e-05 m .*change mechanism.joint_b.clear",
+        ),
+        (
+            ("bearing=worn", "campaign.clearance_range=[2e-5,1e-3]"),
+            "joint_c from 2e-05 m on: the lobes .*, 2e-05 m, must be .*change campaign.clearance_range$",
+        ),
+        (
+            ("bearing=worn", "joint=none", "campaign.random={joint_b.clearance: [0, 1e-4]}"),
+            "clearance of joint_b from 0 m on: the lobes .* change campaign.random$",
+        ),
         ("drive=free", "mechanism.drive = Free: nothing turns a run, which begins at rest.*change mechanism.drive$"),
         ("campaign.joint=null", "joint = None is no ClearanceLocation; write joint=NAME .*campaign.joint$"),
         ("campaign.chain=null", "chain = None is no MeasurementChain; write chain=NAME .*campaign.chain$"),

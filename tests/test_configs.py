@@ -32,6 +32,7 @@ MACHINE = {group for group, _ in OPTIONS} & set(
 )
 IN_JOINTS = {"contact", "friction", "film", "bearing"}
 PATH = {"stored": ["data.source.path=somewhere"], "measured": ["data.source.path=somewhere"]}
+NEEDED = {**PATH, "worn": ["campaign.clearance_range=[3e-5,1e-3]"]}  # its lobes would close a smaller one
 
 
 def composed(command, *overrides):
@@ -72,7 +73,7 @@ def overrides_for(group, option):
     if group.startswith("recipe/"):
         top = "scale" if (CONFIGURATION / f"scale/{group.split('/')[1]}.yaml").exists() else "experiment"
         return [f"{top}={group.split('/')[1]}", f"model={option}"]
-    return [f"{group}={option}", *PATH.get(option, [])]
+    return [f"{group}={option}", *NEEDED.get(option, [])]
 
 
 def command_of(group, option):

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from clearance.mechanism.bearing import Round
+from clearance.errors import InputError
+from clearance.mechanism.bearing import Round, Worn
 from clearance.mechanism.contact import ContactLaw, LankaraniNikravesh
 from clearance.mechanism.film import Dry
 from clearance.mechanism.friction import Frictionless
@@ -38,6 +39,12 @@ class Joint:
         require_kind(self, Family.BEARING, bearing=self.bearing)
         require(self, *CLEARANCE_RANGE, clearance=self.clearance)
         require(self, strict=True, journal_radius=self.journal_radius)
+        if isinstance(self.bearing, Worn) and 0.0 < self.clearance <= self.bearing.amplitude:
+            raise InputError(
+                f"bearing.amplitude = {self.bearing.amplitude:g} m closes the bore of a joint with "
+                f"{self.clearance:g} m of clearance; set bearing.amplitude below it, or change the key that "
+                "ends in 'clearance'"
+            )
 
     @property
     def loose(self) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from tqdm import tqdm
 
 from clearance.errors import InputError
+from clearance.mechanism.bearing import Worn
 from clearance.mechanism.description import read_path, with_values
 from clearance.mechanism.drive import Free
 from clearance.mechanism.joint import CLEARANCE_RANGE
@@ -153,8 +154,26 @@ class Campaign:
                     f"Campaign.random.{path} = {list(drawn[path])} falls; change the key that ends in "
                     "'random'"
                 )
+        self._require_open_bores()
         for end in (0, 1):
             with_values(self.mechanism, {path: float(pair[end]) for path, pair in drawn.items()})
+
+    def _require_open_bores(self) -> None:
+        """Refuse clearances that a worn bore's lobes would close: such a run has no machine."""
+        drawn: Mapping[str, Sequence[float]] = self.random or {}
+        for name, location in (("joint_b", self.joint.b), ("joint_c", self.joint.c)):
+            joint = getattr(self.mechanism, name)
+            if not isinstance(joint.bearing, Worn):
+                continue
+            key, (low, high) = "clearance_range", self.clearance_range
+            if location is False:
+                key, (low, high) = "random", drawn.get(f"{name}.clearance", (0.0, 0.0))
+            lobes = max(joint.bearing.amplitude, *drawn.get(f"{name}.bearing.amplitude", (0.0,)))
+            if low <= lobes and lobes > 0.0 and high > 0.0:
+                raise InputError(
+                    f"clearance of {name} from {low:g} m on: the lobes of its bore, {lobes:g} m, must be "
+                    f"smaller; set bearing.amplitude below it, or change the key that ends in {key!r}"
+                )
 
     @property
     def sampling(self) -> Sampling:

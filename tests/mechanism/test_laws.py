@@ -1,6 +1,6 @@
 """Each law against its textbook properties."""
 
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from inspect import getmembers, isclass
 
 import numpy as np
@@ -98,6 +98,14 @@ def test_lobes_are_a_whole_number():
     assert bearing.Worn(order=2.0).numbers() == bearing.Worn(order=2).numbers()
     with pytest.raises(InputError, match=r"order = 2\.5 is not a whole number"):
         bearing.Worn(order=2.5)
+
+
+def test_a_bore_is_not_closed_by_its_lobes():
+    worn = Joint(3e-5, bearing=bearing.Worn(2e-5))
+    assert not Joint(0.0, bearing=worn.bearing).loose  # an ideal joint has no bore
+    for closed in (2e-5, 1e-5):
+        with pytest.raises(InputError, match=r"bearing\.amplitude = 2e-05 m.*clearance.*'clearance'"):
+            replace(worn, clearance=closed)
 
 
 def test_a_linkage_that_cannot_turn_is_refused():
