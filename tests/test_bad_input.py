@@ -78,7 +78,7 @@ def recording(campaign):
             ("bearing=worn", "joint=none", "campaign.random={joint_b.clearance: [0, 1e-4]}"),
             "clearance of joint_b from 0 m on: the lobes .* change campaign.random$",
         ),
-        ("drive=free", "mechanism.drive = Free: nothing turns a run, which begins at rest.*change mechanism.drive$"),
+        ("drive=free", "mechanism.drive = Free: nothing turns a run, which begins at rest.*mechanism.drive$"),
         ("campaign.joint=null", "joint = None is no ClearanceLocation; write joint=NAME .*campaign.joint$"),
         ("campaign.chain=null", "chain = None is no MeasurementChain; write chain=NAME .*campaign.chain$"),
         ("campaign.integrator=euler", "'euler' is no Integrator; write integrator=euler on the command li"),

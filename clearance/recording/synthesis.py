@@ -256,9 +256,9 @@ class Campaign:
         }
         return drawn.get(path, path in ("drive.speed_rpm", "drive.no_load_rpm"))
 
-    def observe(self, run: int, signals: np.ndarray) -> np.ndarray:
-        """What the sensors make of a run's ten accelerations, (samples, 10)."""
-        ideal = Recording(signals[:, : len(ACCELERATIONS)], ACCELERATIONS, self.chain.rate, self.record_start)
+    def observe(self, run: int, signals: np.ndarray, channels: tuple[str, ...] = ACCELERATIONS) -> np.ndarray:
+        """What the sensors make of a run's first channels, (samples, channels)."""
+        ideal = Recording(signals[:, : len(channels)], channels, self.chain.rate, self.record_start)
         return self.sensors.apply(ideal, np.random.default_rng([self.seed, run, 1])).values
 
     def recording(self, run: int, signals: np.ndarray | None = None) -> Recording:
@@ -270,14 +270,13 @@ class Campaign:
         """
         if signals is None:
             signals = simulate(self.machine(run), self.integrator, self.sampling)
-        signals = signals.copy()
-        signals[:, : len(ACCELERATIONS)] = self.observe(run, signals)
         clearance_b, clearance_c, speed = (float(value) for value in self.labels([run])[0])
         metadata = {
             "chain": describe(self.chain),
             "truth": {"clearance_b": clearance_b, "clearance_c": clearance_c, "speed": speed},
         }
-        return Recording(signals, SIGNAL_CHANNELS, self.chain.rate, self.record_start, metadata)
+        observed = self.observe(run, signals.copy(), SIGNAL_CHANNELS)
+        return Recording(observed, SIGNAL_CHANNELS, self.chain.rate, self.record_start, metadata)
 
     def generate(
         self, path: str | Path, shard: tuple[int, int] = (1, 1), workers: int | None = None
