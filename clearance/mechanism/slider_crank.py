@@ -64,7 +64,7 @@ class SliderCrank:
         guide_offset: height of the guide line above A [m].
         gravity: components along x and y [m/s^2].
         sensor_positions: of the accelerometers [m] along their link from its first joint: crank A, crank B,
-            rod B, rod C; ``None`` puts them at the joints.
+            rod B, rod C; ``None`` puts them at the joints. On a bent rod (``link``) they move with it.
     """
 
     crank: Link = field(default_factory=lambda: Link(0.3, 1e-5, 0.05))
