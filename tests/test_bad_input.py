@@ -54,6 +54,35 @@ def recording(campaign):
         ("mechanism.rod.length=0.05", r"rod.length = 0.05 m.*exceed.*0.05 m; change mechanism.rod.length"),
         ("mechanism.guide_offset=0.08", "cannot turn.*guide_offset"),
         ("mechanism.crank.mass=-1", r"mass = -1 is outside \(0, inf\); change mechanism.crank.mass"),
+        ("mechanism.crank=0.08", r"crank = 0.08 is no Link; give \{mass: .*change .*mechanism.crank$"),
+        ("mechanism.joint_c=null", r"joint_c = None is no Joint; give \{clearance: .*mechanism.joint_c$"),
+        ("mechanism.guide=loose", r"guide = 'loose' is no guide law; write guide=loose on the .*nism.guide$"),
+        ("mechanism.drive=null", "drive = None is no drive law; write drive=NAME .*change mechanism.drive$"),
+        (
+            "mechanism.link={_target_: clearance.mechanism.guide.LooseGuide}",
+            "link = LooseGuide is no link law; write link=NAME",
+        ),
+        ("mechanism.joint_c.friction=abc", "friction = 'abc' is no friction law; .*mechanism.joint_c.fric"),
+        ("mechanism.joint_b.friction=${film}", "friction = Dry is no friction law"),
+        ("mechanism.joint_b.contact=flores", "'flores' is no ContactLaw; write contact=flores on the comma"),
+        (("bearing=worn", "bearing.order=2.5"), "order = 2.5 is not a whole number of lobes; change bear"),
+        (
+            ("bearing=worn", "mechanism.joint_b.clearance=1e-5"),
+            r"amplitude = 2e-05 m closes the bore of a joint .*1e-05 m .*change mechanism.joint_b.clear",
+        ),
+        (
+            ("bearing=worn", "campaign.clearance_range=[2e-5,1e-3]"),
+            "joint_c from 2e-05 m on: the lobes .*, 2e-05 m, must be .*change campaign.clearance_range$",
+        ),
+        (
+            ("bearing=worn", "joint=none", "campaign.random={joint_b.clearance: [0, 1e-4]}"),
+            "clearance of joint_b from 0 m on: the lobes .* change campaign.random$",
+        ),
+        ("drive=free", "mechanism.drive = Free: nothing turns a run, which begins at rest.*mechanism.drive$"),
+        ("campaign.joint=null", "joint = None is no ClearanceLocation; write joint=NAME .*campaign.joint$"),
+        ("campaign.chain=null", "chain = None is no MeasurementChain; write chain=NAME .*campaign.chain$"),
+        ("campaign.integrator=euler", "'euler' is no Integrator; write integrator=euler on the command li"),
+        ("campaign.sensors=mems", "'mems' is no SensorChain; write sensor_chain=NAME .*campaign.sensors$"),
         ("mechanism.gravity=9.81", "gravity = 9.81 is not a list of 2 numbers; change mechanism.gravity"),
         ("contact.restitution=1.5", r"restitution = 1.5 is outside \(0, 1\]; change contact.restitution"),
         ("+contact.hardness=1", "unexpected keyword argument 'hardness'"),
@@ -67,7 +96,8 @@ def recording(campaign):
     ],
 )  # fmt: skip
 def test_simulate(refused, tmp_path, override, words):
-    refused("simulate", words, *SHORT, "dataset=data", override)
+    override = (override,) if isinstance(override, str) else override
+    refused("simulate", words, *SHORT, "dataset=data", *override)
     assert not (tmp_path / "data").exists()
 
 

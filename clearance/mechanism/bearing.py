@@ -5,6 +5,7 @@ from math import cos, sin
 from typing import Any, ClassVar
 
 from clearance.compilation import kernel
+from clearance.errors import InputError
 from clearance.lanes import get, nearest_integer, square_root, where
 from clearance.mechanism.parameters import Family, Law, Parameter, require
 
@@ -86,6 +87,11 @@ class Worn(Law):
     def __post_init__(self) -> None:
         require(self, 0.0, 1e-3, amplitude=self.amplitude)
         require(self, 1, MAXIMUM_ORDER, order=self.order)
+        if self.order != round(self.order):  # 2.0 is as good: all unknowns of a fit are such numbers
+            raise InputError(
+                f"Worn.order = {self.order:g} is not a whole number of lobes; change the key that ends in "
+                "'order'"
+            )
         require(self, -100.0, 100.0, phase=self.phase)
 
     def numbers(self) -> dict[Parameter, float]:

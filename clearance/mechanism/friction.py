@@ -21,6 +21,10 @@ class Frictionless(Law):
     family: ClassVar[Family] = Family.FRICTION
     code: ClassVar[int] = 0
 
+    def numbers(self) -> dict[Parameter, float]:
+        """Entries of one joint's block: the other joint's friction has this one divide by its speed, too."""
+        return {Parameter.JOINT_FRICTION_SPEED: 1e-3}
+
 
 @dataclass(frozen=True)
 class Coulomb(Law):

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass, field
 
-from clearance.mechanism.bearing import Round
+from clearance.errors import InputError
+from clearance.mechanism.bearing import Round, Worn
 from clearance.mechanism.contact import ContactLaw, LankaraniNikravesh
 from clearance.mechanism.film import Dry
 from clearance.mechanism.friction import Frictionless
-from clearance.mechanism.parameters import Law, Parameter, require
+from clearance.mechanism.parameters import Family, Law, Parameter, require, require_kind
 
 CLEARANCE_RANGE = (0.0, 2e-3)  # m; the paper studies up to 1e-3
 
@@ -32,8 +33,18 @@ class Joint:
     bearing: Law = field(default_factory=Round)
 
     def __post_init__(self) -> None:
+        require_kind(self, ContactLaw, contact=self.contact)
+        require_kind(self, Family.FRICTION, friction=self.friction)
+        require_kind(self, Family.FILM, film=self.film)
+        require_kind(self, Family.BEARING, bearing=self.bearing)
         require(self, *CLEARANCE_RANGE, clearance=self.clearance)
         require(self, strict=True, journal_radius=self.journal_radius)
+        if isinstance(self.bearing, Worn) and 0.0 < self.clearance <= self.bearing.amplitude:
+            raise InputError(
+                f"bearing.amplitude = {self.bearing.amplitude:g} m closes the bore of a joint with "
+                f"{self.clearance:g} m of clearance; set bearing.amplitude below it, or change the key that "
+                "ends in 'clearance'"
+            )
 
     @property
     def loose(self) -> bool:

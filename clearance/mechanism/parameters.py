@@ -6,7 +6,7 @@ them.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from enum import IntEnum, auto
 from math import isfinite
 from typing import Any, ClassVar
@@ -232,6 +232,33 @@ def require(
             raise InputError(f"{where} = {value:g} is outside {bounds}; {change}")
         if whole and not isinstance(value, int):  # nor 1e3, which counts nothing
             raise InputError(f"{where} = {value!r} is not a whole number; {change}")
+
+
+def require_kind(owner: Any, kind: type | Family, instead: str = "", **named: Any) -> None:
+    """Check that each value is of a class, or a law of a family: YAML takes names, numbers and null there.
+
+    Args:
+        owner: whose values these are.
+        kind: the class or the family.
+        instead: what to write; how a law is chosen if empty.
+        named: values by key.
+
+    Raises:
+        InputError: with the value, and what to write at which key.
+    """
+    for name, value in named.items():
+        if isinstance(kind, Family):
+            fits, noun = getattr(value, "family", None) is kind, f"{name.replace('_', ' ')} law"
+        else:
+            fits, noun = isinstance(value, kind), kind.__name__
+        if not fits:
+            shown = type(value).__name__ if is_dataclass(value) else repr(value)
+            option = value if isinstance(value, str) else "NAME"
+            how = instead or f"write {name}={option} on the command line or {{_target_: CLASS}} in a file"
+            raise InputError(
+                f"{type(owner).__name__}.{name} = {shown} is no {noun}; {how}, or change the key that "
+                f"ends in {name!r}"
+            )
 
 
 def require_list(owner: Any, count: int, low: float, high: float, **named: Any) -> None:

@@ -25,8 +25,11 @@ from clearance.mechanism.parameters import (
     Law,
     Parameter,
     require,
+    require_kind,
     require_list,
 )
+
+_LAWS = ("guide", "guide_friction", "link", "drive", "ripple", "spring", "process", "frame", "force")
 
 
 @dataclass(frozen=True)
@@ -57,11 +60,11 @@ class SliderCrank:
     Attributes:
         crank: from A to B.
         rod: from B to C.
-        slider: C is its centre; its length only matters to a loose guide.
+        slider: C is its centre; its length has no effect: a loose guide has its own ``shoe_half_length``.
         guide_offset: height of the guide line above A [m].
         gravity: components along x and y [m/s^2].
         sensor_positions: of the accelerometers [m] along their link from its first joint: crank A, crank B,
-            rod B, rod C; ``None`` puts them at the joints.
+            rod B, rod C; ``None`` puts them at the joints. On a bent rod (``link``) they move with it.
     """
 
     crank: Link = field(default_factory=lambda: Link(0.3, 1e-5, 0.05))
@@ -83,6 +86,11 @@ class SliderCrank:
     force: Law = field(default_factory=NoForce)
 
     def __post_init__(self) -> None:
+        links = {"crank": self.crank, "rod": self.rod, "slider": self.slider}
+        require_kind(self, Link, "give {mass: ..., inertia: ..., length: ...}", **links)
+        require_kind(self, Joint, "give {clearance: ...}", joint_b=self.joint_b, joint_c=self.joint_c)
+        for name in _LAWS:
+            require_kind(self, Family[name.upper()], **{name: getattr(self, name)})
         reach = self.crank.length + abs(self.guide_offset)
         if self.rod.length <= reach:
             raise InputError(
@@ -99,17 +107,7 @@ class SliderCrank:
     @property
     def laws(self) -> tuple[Law, ...]:
         """The machine's laws outside its joints."""
-        return (
-            self.guide,
-            self.guide_friction,
-            self.link,
-            self.drive,
-            self.ripple,
-            self.spring,
-            self.process,
-            self.frame,
-            self.force,
-        )
+        return tuple(getattr(self, name) for name in _LAWS)
 
     def codes(self) -> np.ndarray:
         """(families,) int64: which member of each family is chosen."""

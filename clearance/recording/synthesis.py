@@ -15,9 +15,11 @@ import numpy as np
 from tqdm import tqdm
 
 from clearance.errors import InputError
+from clearance.mechanism.bearing import Worn
 from clearance.mechanism.description import read_path, with_values
+from clearance.mechanism.drive import Free
 from clearance.mechanism.joint import CLEARANCE_RANGE
-from clearance.mechanism.parameters import require, require_list
+from clearance.mechanism.parameters import require, require_kind, require_list
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import describe, fingerprint
 from clearance.recording.chain import MeasurementChain
@@ -76,7 +78,7 @@ class Campaign:
         runs: how many.
         seed: of all draws.
         clearance_range: of the uniform draw [m].
-        speed_range: of the uniform draw [rpm].
+        speed_range: of the uniform draw of the speed that the drive is asked for [rpm].
         duration: of a simulation [s].
         record_start: time of the first recorded sample [s].
         random: path of a number of the machine, such as ``guide_friction.coulomb_force``, to the limits of
@@ -102,6 +104,16 @@ class Campaign:
     device: str = "cpu"
 
     def __post_init__(self) -> None:
+        require_kind(self, SliderCrank, mechanism=self.mechanism)
+        require_kind(self, ClearanceLocation, joint=self.joint)
+        require_kind(self, Integrator, integrator=self.integrator)
+        require_kind(self, MeasurementChain, chain=self.chain)
+        require_kind(self, SensorChain, "write sensor_chain=NAME on the command line", sensors=self.sensors)
+        if isinstance(self.mechanism.drive, Free):
+            raise InputError(
+                "Campaign.mechanism.drive = Free: nothing turns a run, which begins at rest, at its label's "
+                "speed; write drive=speed_control or drive=direct_current_motor, or change mechanism.drive"
+            )
         if self.device not in DEVICES:
             raise InputError(
                 f"Campaign.device = {self.device!r} is not one of {', '.join(DEVICES)}; change the key that "
@@ -142,8 +154,26 @@ class Campaign:
                     f"Campaign.random.{path} = {list(drawn[path])} falls; change the key that ends in "
                     "'random'"
                 )
+        self._require_open_bores()
         for end in (0, 1):
             with_values(self.mechanism, {path: float(pair[end]) for path, pair in drawn.items()})
+
+    def _require_open_bores(self) -> None:
+        """Refuse clearances that a worn bore's lobes would close: such a run has no machine."""
+        drawn: Mapping[str, Sequence[float]] = self.random or {}
+        for name, location in (("joint_b", self.joint.b), ("joint_c", self.joint.c)):
+            joint = getattr(self.mechanism, name)
+            if not isinstance(joint.bearing, Worn):
+                continue
+            key, (low, high) = "clearance_range", self.clearance_range
+            if location is False:
+                key, (low, high) = "random", drawn.get(f"{name}.clearance", (0.0, 0.0))
+            lobes = max(joint.bearing.amplitude, *drawn.get(f"{name}.bearing.amplitude", (0.0,)))
+            if low <= lobes and lobes > 0.0 and high > 0.0:
+                raise InputError(
+                    f"clearance of {name} from {low:g} m on: the lobes of its bore, {lobes:g} m, must be "
+                    f"smaller; set bearing.amplitude below it, or change the key that ends in {key!r}"
+                )
 
     @property
     def sampling(self) -> Sampling:
@@ -168,7 +198,10 @@ class Campaign:
         return described
 
     def labels(self, runs: Sequence[int]) -> np.ndarray:
-        """(runs, 3) clearance of B and C [m] and speed [rad/s]."""
+        """(runs, 3) clearance of B and C [m], and the speed that the drive is asked for [rad/s].
+
+        A motor at constant voltage is asked for its no-load speed, and turns more slowly.
+        """
         low, high = self.clearance_range
         slow, fast = self.speed_range
         unknown = any(path.endswith(".clearance") for path in self.random or ())
@@ -223,9 +256,9 @@ class Campaign:
         }
         return drawn.get(path, path in ("drive.speed_rpm", "drive.no_load_rpm"))
 
-    def observe(self, run: int, signals: np.ndarray) -> np.ndarray:
-        """What the sensors make of a run's ten accelerations, (samples, 10)."""
-        ideal = Recording(signals[:, : len(ACCELERATIONS)], ACCELERATIONS, self.chain.rate, self.record_start)
+    def observe(self, run: int, signals: np.ndarray, channels: tuple[str, ...] = ACCELERATIONS) -> np.ndarray:
+        """What the sensors make of a run's first channels, (samples, channels)."""
+        ideal = Recording(signals[:, : len(channels)], channels, self.chain.rate, self.record_start)
         return self.sensors.apply(ideal, np.random.default_rng([self.seed, run, 1])).values
 
     def recording(self, run: int, signals: np.ndarray | None = None) -> Recording:
@@ -237,14 +270,13 @@ class Campaign:
         """
         if signals is None:
             signals = simulate(self.machine(run), self.integrator, self.sampling)
-        signals = signals.copy()
-        signals[:, : len(ACCELERATIONS)] = self.observe(run, signals)
         clearance_b, clearance_c, speed = (float(value) for value in self.labels([run])[0])
         metadata = {
             "chain": describe(self.chain),
             "truth": {"clearance_b": clearance_b, "clearance_c": clearance_c, "speed": speed},
         }
-        return Recording(signals, SIGNAL_CHANNELS, self.chain.rate, self.record_start, metadata)
+        observed = self.observe(run, signals.copy(), SIGNAL_CHANNELS)
+        return Recording(observed, SIGNAL_CHANNELS, self.chain.rate, self.record_start, metadata)
 
     def generate(
         self, path: str | Path, shard: tuple[int, int] = (1, 1), workers: int | None = None

@@ -1,9 +1,10 @@
 """Constrained coordinates from the free ones, and what ideal sensors feel: no forces here."""
 
+from math import pi
 from typing import Any
 
-from clearance.compilation import subroutine
-from clearance.lanes import arcsine, get, put, sine_cosine, square_root, zero
+from clearance.compilation import kernel, subroutine
+from clearance.lanes import arcsine, get, maximum, minimum, put, sine_cosine, square_root, zero
 from clearance.mechanism.choice import chosen
 from clearance.mechanism.parameters import Family, Parameter
 from clearance.simulation.layout import Result, Signal, State
@@ -68,12 +69,25 @@ def project(codes: Any, p: Any, s: Any) -> None:
         put(s, State.ROD_Y_RATE, get(s, State.SLIDER_Y_RATE) - to_c * rod_cosine * rod_speed)
 
 
+@kernel
+def _bulge(p: Any, place: Any) -> Any:
+    """How far the bent rod stands off the line of its pins at a place from B [m], per unit of its mode.
+
+    sin(pi s / L) between the pins (``link.FlexibleRod``); what sticks out beyond them stays straight.
+    """
+    length = get(p, Parameter.ROD_TO_B) + get(p, Parameter.ROD_TO_C)
+    between = minimum(maximum(place, 0.0), length)
+    sine, cosine = sine_cosine(between * (pi / length))
+    return sine + (place - between) * (pi / length) * cosine
+
+
 @subroutine
 def sense(codes: Any, p: Any, s: Any, r: Any, y: Any, row: int) -> None:
     """Write what ideal sensors feel (rows ``Signal``) into ``y`` from row ``row`` on.
 
     Accelerometers feel acceleration minus gravity, in the axes of their body: axial from the link's first to
-    its second joint, transverse a quarter turn further.
+    its second joint, transverse a quarter turn further. Those on a bent rod move with it, but are not tilted:
+    its slope is below a thousandth.
     """
     gravity_x, gravity_y = get(p, Parameter.GRAVITY_X), get(p, Parameter.GRAVITY_Y)
     sine, cosine = get(s, State.CRANK_SINE), get(s, State.CRANK_COSINE)
@@ -98,6 +112,20 @@ def sense(codes: Any, p: Any, s: Any, r: Any, y: Any, row: int) -> None:
     place = get(p, Parameter.SENSOR_ROD_C) - get(p, Parameter.ROD_TO_B)
     put(y, row + Signal.ROD_C_TRANSVERSE, across + place * turn)
     put(y, row + Signal.ROD_C_AXIAL, along - place * speed * speed)
+    if chosen(codes, Family.LINK) == 1:
+        mode, mode_rate = get(s, State.ROD_MODE), get(s, State.ROD_MODE_RATE)
+        across = get(r, Result.ROD_MODE) - speed * speed * mode
+        along = -turn * mode - 2.0 * speed * mode_rate
+        share = _bulge(p, get(p, Parameter.SENSOR_ROD_B))
+        cell = row + Signal.ROD_B_TRANSVERSE
+        put(y, cell, get(y, cell) + share * across)
+        cell = row + Signal.ROD_B_AXIAL
+        put(y, cell, get(y, cell) + share * along)
+        share = _bulge(p, get(p, Parameter.SENSOR_ROD_C))
+        cell = row + Signal.ROD_C_TRANSVERSE
+        put(y, cell, get(y, cell) + share * across)
+        cell = row + Signal.ROD_C_AXIAL
+        put(y, cell, get(y, cell) + share * along)
     ax, ay = get(r, Result.SLIDER_X) - gravity_x, get(r, Result.SLIDER_Y) - gravity_y
     if chosen(codes, Family.GUIDE) == 1:
         sine, cosine = sine_cosine(get(s, State.SLIDER_ANGLE))

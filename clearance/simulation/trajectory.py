@@ -46,8 +46,8 @@ class Trajectory:
         states: (samples, STATES).
         results: (samples, RESULTS), accelerations and forces.
         signals: (samples, SIGNALS), unfiltered.
-        finite: whether the run reached its end with finite numbers; if not, the last sample holds the first
-            number that is not.
+        finite: whether the run reached its end with finite numbers; if not, its samples end where the first
+            number that is not came about, which none of them needs to hold.
     """
 
     machine: SliderCrank
@@ -150,5 +150,8 @@ def simulate_trajectory(
         results,
         signals,
     )
-    finite = bool(np.isfinite(states[done - 1, : State.TIME]).all() and np.isfinite(results[done - 1]).all())
+    # what stopped it is the state after the last one that is kept
+    finite = done == samples and bool(
+        np.isfinite(states[-1, : State.TIME]).all() and np.isfinite(results[-1]).all()
+    )
     return Trajectory(machine, states[:done], results[:done], signals[:done], finite)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.effect_files import load_effects
@@ -237,12 +238,17 @@ def _trained(one: Revealed, folder: Path, loop: Loop, report: Callable[[str], No
         truth, lambda file: write_mechanism(file, true_machine(case), "what was true of the case")
     )
     low, high = _clearances(case, loop)
-    on = [f"begin='{nominal.resolve()}'", f"campaign.clearance_range=[{low},{high}]", *loop.corrected]
+    said = max(low, _TOUCHING * _lobes(one.corrected, case.joint))  # may be larger than they are
+
+    def on(low: float) -> list[str]:
+        drawn = f"campaign.clearance_range=[{low},{high}]"
+        return [f"begin='{nominal.resolve()}'", drawn, *loop.corrected]
+
     names = {"{joint}": case.joint.lower(), "{other}": "c" if case.joint == "B" else "b"}
     plans = {
         "nominal": (nominal, list[str]()),
-        "corrected": (own / "corrected", [f"mechanism={corrected.resolve()}", *on]),
-        "true": (own / "true", [f"mechanism={truth.resolve()}", *on]),
+        "corrected": (own / "corrected", [f"mechanism={corrected.resolve()}", *on(said)]),
+        "true": (own / "true", [f"mechanism={truth.resolve()}", *on(low)]),
         "random": (folder / f"random_{case.joint}", [_filled(override, names) for override in loop.random]),
     }
     if one.corrected is None:  # no verdict: nothing was corrected
@@ -257,6 +263,12 @@ def _trained(one: Revealed, folder: Path, loop: Loop, report: Callable[[str], No
             report(f"{case.name}: training on the {name} simulator")
             _train(place, overrides)
     return {name: place for name, (place, _) in plans.items()}
+
+
+def _lobes(corrected: str | None, joint: str) -> float:
+    """Amplitude [m] of the worn bore that a corrected machine has in a joint, if it has one."""
+    laws = (yaml.safe_load(corrected) or {} if corrected else {}).get(f"joint_{joint.lower()}", {})
+    return float(laws.get("bearing", {}).get("amplitude", 0.0))
 
 
 def _filled(text: str, names: Mapping[str, str]) -> str:

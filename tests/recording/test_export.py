@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
@@ -9,7 +10,9 @@ from hydra.utils import instantiate
 from clearance.configuration import CONFIGURATION
 from clearance.errors import InputError
 from clearance.recording import synthesis
+from clearance.recording.channels import ACCELERATIONS
 from clearance.recording.files import read
+from clearance.recording.sensors import Sensor, SensorChain
 from tests.command_line import call
 
 SHORT = ("runs=4", "campaign.duration=0.3", "campaign.record_start=0.1")
@@ -58,6 +61,22 @@ def test_a_run_that_fails_is_told_and_the_others_are_written(campaign, tmp_path,
     assert len(told) == 1
     assert told[0].startswith("run 1 is left out: the run became non-finite at t = 0.1")
     assert read(paths[0]).metadata["truth"]["clearance_c"] == campaign.labels([0])[0, 1]
+
+
+def test_sensors_of_all_channels_are_simulated_and_the_accelerations_have_the_noise_of_a_data_set(campaign):
+    sensors = SensorChain({"crank_angle": {"resolution": 0.01}, "crank_speed": {"noise_density": 1e-3}})
+    ideal = campaign.recording(0)
+    noisy = replace(campaign, sensors=replace(sensors, default=Sensor(noise_density=0.01)))
+    made = noisy.recording(0)
+    counts = made.channel("crank_angle") / 0.01
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+    assert np.ptp(made.channel("crank_angle") - ideal.channel("crank_angle")) > 0.005
+    assert np.std(made.channel("crank_speed") - ideal.channel("crank_speed")) == pytest.approx(0.07, rel=0.2)
+    for name in ("drive_torque", "slider_position", "slider_velocity"):
+        np.testing.assert_array_equal(made.channel(name), ideal.channel(name))
+    observed = noisy.observe(0, ideal.values)
+    np.testing.assert_array_equal(made.select(ACCELERATIONS).values, observed)
+    assert made.metadata == ideal.metadata
 
 
 STATE = ("crank_angle", "crank_speed", "rod_angle", "rod_speed", "slider_x", "slider_x_rate")

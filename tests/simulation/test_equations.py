@@ -56,6 +56,35 @@ def test_ideal_joints_follow_the_closed_form(offset):
     np.testing.assert_allclose(run.signals[:, Signal.SLIDER_POSITION], position, atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("place", "share"),
+    # of 0.12 m; beyond a pin straight on by the slope there
+    [(0.0, 0.0), (0.03, np.sqrt(0.5)), (0.06, 1.0), (0.12, 0.0), (-0.01, -np.pi / 12), (0.13, -np.pi / 12)],
+)
+def test_sensors_on_a_bent_rod_feel_how_their_places_move(place, share):
+    machine = SliderCrank(
+        gravity=(3.0, -9.81), drive=SpeedControl(900.0, ramp=0.05), link=FlexibleRod(400.0, 0.0),
+        sensor_positions=(0.0, 0.05, place, place),
+    )  # fmt: skip
+    step = 5e-6
+    run = simulate_trajectory(machine, Integrator("runge_kutta_4", step), 0.1)
+    s, turning = run.states, slice(15_000, -1)
+    assert np.abs(s[turning, State.ROD_MODE]).max() > 4e-5
+    along = s[:, [State.ROD_COSINE, State.ROD_SINE]]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    where = s[:, [State.ROD_X, State.ROD_Y]] + (place - 0.06) * along
+    where += share * s[:, [State.ROD_MODE]] * across
+    felt = (where[2:] - 2.0 * where[1:-1] + where[:-2]) / step**2 - machine.gravity
+    for axis, rows in (
+        (along, (Signal.ROD_B_AXIAL, Signal.ROD_C_AXIAL)),
+        (across, (Signal.ROD_B_TRANSVERSE, Signal.ROD_C_TRANSVERSE)),
+    ):
+        expected = (felt * axis[1:-1]).sum(axis=1)[turning]
+        for row in rows:
+            # differences: a ten-thousandth of the mode's share, and the rounding of places over step^2
+            np.testing.assert_allclose(run.signals[1:-1, row][turning], expected, atol=1e-3)
+
+
 @pytest.mark.parametrize(("scheme", "order"), [("semi_implicit_euler", 1), ("runge_kutta_4", 4)])
 def test_order_of_convergence_in_the_smooth_case(scheme, order):
     machine = SliderCrank(drive=SpeedControl(600.0, 0.5, 20.0, 0.0), ripple=TorqueRipple(0.5, 3.0))

@@ -1,11 +1,17 @@
-"""The start of a run: a turning machine whose journals are centred."""
+"""The start of a run, a turning machine whose journals are centred; and whether it came to its end."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from clearance.mechanism.drive import SpeedControl
+from clearance.mechanism.friction import Coulomb
+from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
+from clearance.simulation.integrator import Integrator
 from clearance.simulation.layout import State
-from clearance.simulation.trajectory import rest_state, turning_state
+from clearance.simulation.trajectory import rest_state, simulate_trajectory, turning_state
 
 PLACES = (State.ROD_ANGLE, State.ROD_X, State.ROD_Y, State.SLIDER_X, State.SLIDER_Y)
 RATES = (State.ROD_SPEED, State.ROD_X_RATE, State.ROD_Y_RATE, State.SLIDER_X_RATE, State.SLIDER_Y_RATE)
@@ -35,3 +41,26 @@ def test_a_machine_at_rest_lies_straight():
     state = rest_state(SliderCrank())
     assert state[State.SLIDER_X] == pytest.approx(SliderCrank().crank.length + SliderCrank().rod.length)
     assert not state[list(RATES)].any()
+
+
+@pytest.mark.parametrize("rough", ["joint_b", "joint_c"])
+def test_friction_in_one_of_two_loose_joints_leaves_the_other_without(rough):
+    loose = SliderCrank(joint_b=Joint(1e-4), joint_c=Joint(1e-4), drive=SpeedControl(ramp=0.05))
+    runs = {}
+    for name, coefficient in (("none", None), ("zero", 0.0), ("some", 0.1)):
+        joint = Joint(1e-4) if coefficient is None else Joint(1e-4, friction=Coulomb(coefficient))
+        runs[name] = simulate_trajectory(replace(loose, **{rough: joint}), Integrator(), 0.03)
+        assert runs[name].finite
+    # friction of nothing sums the same forces in another order
+    np.testing.assert_allclose(runs["zero"].states, runs["none"].states, atol=1e-6)
+    assert np.abs(runs["some"].states - runs["none"].states).max() > 1e-4
+
+
+@pytest.mark.parametrize("every", [1, 7])
+def test_a_run_that_blows_up_is_not_finite(every):
+    # a step far beyond the contact's stability limit
+    machine = SliderCrank(joint_c=Joint(1e-4), drive=SpeedControl(600.0, 0.05, 2.0))
+    with np.errstate(all="ignore"):
+        run = simulate_trajectory(machine, Integrator(step=1e-3), 4.0, every)
+    assert len(run.time) < round(4.0 / 1e-3 / every)
+    assert not run.finite

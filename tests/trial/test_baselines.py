@@ -9,6 +9,7 @@ import pytest
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.sensing.demonstration import record
 from clearance.errors import InputError
+from clearance.mechanism.bearing import Worn
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.recording import Recording
@@ -45,6 +46,12 @@ def test_a_trajectory_without_impacts_is_fitted(recorded):
     said = trajectory.judge(bench(recorded), load_effects(["guide_friction", "sensor_gain"]))
     assert said["verdict"] == "none"
     assert said["clearance"]["after_m"] == pytest.approx(CLEARANCE, rel=0.01)
+
+
+def test_lobes_are_tried_as_whole_numbers(recorded):
+    (worn,) = load_effects(["worn_bearing"])
+    values = np.array([3e-4, 73.0, 0.0, 2e-5, 2.0 + 1e-4, 0.5])  # as a derivative by differences asks for
+    assert bench(recorded).machine_with(values, 0, worn).joint_c.bearing == Worn(2e-5, 2.0, 0.5)
 
 
 def test_a_wrong_gain_is_found_in_its_channel(recorded):

@@ -16,7 +16,7 @@ from clearance.mechanism.applied_force import shares
 from clearance.mechanism.description import read_path, write_mechanism
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.models.gauge import Estimate
-from clearance.trial import pictures
+from clearance.trial import closed_loop, pictures
 from clearance.trial.case import Case, Session
 from clearance.trial.closed_loop import (
     ESTIMATORS,
@@ -202,6 +202,20 @@ def test_the_loop_is_closed_once_for_every_case(tmp_path):
         assert config["campaign"]["mechanism"]["gravity"] == [0.0, gravity], place
         assert (config["begin"] and config["begin"].split("/")[-1]) == begin, place
         assert bool(config["campaign"]["random"]) == (place == "random_B")
+
+
+def test_a_bore_that_is_said_to_be_worn_is_not_closed_either(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(closed_loop, "_train", lambda place, overrides: asked.extend(overrides))
+    worn = replace(NULL, effects={"worn_bearing": {"amplitude": 1e-4, "order": 2, "phase": 0.0}})
+    (tmp_path / HEAVY.name).mkdir()
+    write_mechanism(tmp_path / "said.yaml", true_machine(worn))
+    closed_loop._trained(
+        revealed(HEAVY, corrected=(tmp_path / "said.yaml").read_text()), tmp_path, LOOP, lambda _: None
+    )
+    low, high = LOOP.clearance_range
+    drawn = [one for one in asked if one.startswith("campaign.clearance_range=")]
+    assert drawn == [f"campaign.clearance_range=[{low_of},{high}]" for low_of in (2e-4, low)]
 
 
 def test_a_training_that_fails_is_told(tmp_path):

@@ -9,6 +9,7 @@ import numpy as np
 from clearance.diagnosis.kinematics.alignment import align
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
+from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
 CLEARANCES = np.geomspace(1e-5, 1.3e-3, 20)
@@ -57,6 +58,8 @@ def profile(
 ) -> Profile:
     """How well the motion of all recordings agrees with each clearance.
 
+    Infinitely badly where no machine has it, or where its links do not reach.
+
     Args:
         recordings: of one machine.
         alignments: theirs.
@@ -68,7 +71,16 @@ def profile(
     """
 
     def misfit(clearances: np.ndarray, segments: int) -> np.ndarray:
-        return agreement(recordings, alignments, [machine(c) for c in clearances], segments, workers)
+        found, machines, places = np.full(len(clearances), np.inf), [], []
+        for i, clearance in enumerate(clearances):
+            try:
+                machines.append(machine(clearance))
+            except InputError:  # lobes that close the bore
+                continue
+            places.append(i)
+        if machines:
+            found[places] = agreement(recordings, alignments, machines, segments, workers)
+        return found
 
     coarse = misfit(CLEARANCES, COMPARED // 2)
     if not np.isfinite(coarse).any():
@@ -78,7 +90,8 @@ def profile(
     fine = np.geomspace(low, high, _CLOSER + 2)
     closer = misfit(fine, COMPARED)
     # the coarse ones saw less of the recordings: they are set level with the others where both were taken
-    apart = closer[[0, -1]] - coarse[[max(best - 1, 0), min(best + 1, len(coarse) - 1)]]
+    with np.errstate(invalid="ignore"):  # where there is no machine in either
+        apart = closer[[0, -1]] - coarse[[max(best - 1, 0), min(best + 1, len(coarse) - 1)]]
     level = apart[np.isfinite(apart)].mean() if np.isfinite(apart).any() else 0.0
     far = (low > CLEARANCES) | (high < CLEARANCES)
     clearances = np.concatenate([CLEARANCES[far], fine])

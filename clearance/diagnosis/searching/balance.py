@@ -30,6 +30,7 @@ from clearance.diagnosis.searching.geometry import GEOMETRIC
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.work import Balance, Balanced, bends, beyond_ideal
 from clearance.diagnosis.sensing.measured import Measured
+from clearance.errors import InputError
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
@@ -211,7 +212,10 @@ def settle_in(search: Search, setting: Setting, one: Balanced) -> Balanced:
         return model.machine(np.concatenate([[clearance], one.values, [asked]]))
 
     def disagree(size: float) -> float:
-        made = [machine(float(np.exp(size)))]
+        try:
+            made = [machine(float(np.exp(size)))]
+        except InputError:  # lobes that close the bore
+            return float("inf")
         return float(agreement(search.recordings, search.alignments, made, COMPARED, search.workers)[0])
 
     middle = np.log(one.clearance)

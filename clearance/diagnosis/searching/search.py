@@ -138,7 +138,10 @@ class Search:
         best, misfit = self.clearance, _UNSURE
         for factor in _FACTORS:
             row = values[surest] * [factor, 1.0]
-            found = grow(self.starts[surest], model, row, most=_GLANCE)
+            try:
+                found = grow(self.starts[surest], model, row, most=_GLANCE)
+            except InputError:  # lobes that close the bore
+                continue
             if found is not None and found[2] < misfit:
                 best, misfit = float(found[1][0]), found[2]
             if misfit < FOLLOWED:

@@ -106,7 +106,11 @@ class Bench:
         if effect is None or effect.kind == "instrument":
             return machine
         own = values[1 + 2 * len(self.tracks) :]
-        return effect.machine(machine, self.joint, dict(zip(effect.parameters, map(float, own), strict=True)))
+        named = {
+            parameter.name: float(round(value) if parameter.whole else value)
+            for parameter, value in zip(effect.free, own, strict=True)
+        }
+        return effect.machine(machine, self.joint, named)
 
     def run(self, candidates: Sequence[Values], effect: Effect | None = None) -> list[list[np.ndarray]]:
         """Signals (samples, SIGNALS) by candidate and recording; not a number where a run breaks down."""

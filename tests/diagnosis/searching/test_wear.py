@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.diagnosis.searching.wear import suggest_wear
 from clearance.mechanism.bearing import Worn
@@ -34,6 +35,21 @@ def test_a_journal_keeps_to_a_bore_that_is_not_round(joint):
         misfits.append(found.misfit)
     assert missed[1] < 0.6 * missed[0]
     assert misfits[1] < misfits[0]
+
+
+def test_a_model_with_a_worn_bore_is_compared_where_its_lobes_leave_a_gap():
+    made = worn(own.machine("C", CLEARANCE), "C", LOBES)
+    measured, states = own.recorded(made)
+
+    def machine(clearance):
+        return worn(own.machine("C", clearance), "C", LOBES)
+
+    found = profile([measured], [own.aligned(states)], machine, 1)
+    closed = found.clearance <= LOBES.amplitude
+    assert closed.any()
+    assert np.isinf(found.misfit[closed]).all()
+    assert np.isfinite(found.misfit[~closed]).all()
+    assert found.best == pytest.approx(CLEARANCE, rel=0.1)
 
 
 def known(search, name="", size=0.0):
