@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import EXPLAINED, LOOSENESS, Attempt, explained, refine
+from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained, refine
 from clearance.diagnosis.following.growth import Start
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.searching.beside import HALFWAY, beside
@@ -69,7 +69,7 @@ def fit_everywhere(
 
         def begin(r: int, row: np.ndarray = row, again: bool = anew or look > 0) -> Start:
             if again or (drive and r != surest):
-                return start_anew(search, model, row, r)
+                return search.sought(r, model, row)
             return start_with(search, held[-1], model, row, r)
 
         try:
@@ -121,13 +121,7 @@ def start_with(search: Search, hypothesis: Hypothesis, model: Model, row: np.nda
     structural = hypothesis.structural(search.setting.with_clearance(3e-4))
     if not (structural or misleads(hypothesis) or astray(row[0], search.clearance)):
         return search.starts[r]
-    return start_anew(search, model, row, r)
-
-
-def start_anew(search: Search, model: Model, row: np.ndarray, r: int) -> Start:
-    """Where a recording can be followed from, at its own speed, with what another one may have told."""
-    trace = search.retrace(r, model.machine(row), model.instrument(row))
-    return Start.of(trace, model.held(np.append(row[:-1], trace.speed)), LOOSENESS)
+    return search.sought(r, model, row)
 
 
 def misleads(hypothesis: Hypothesis) -> bool:

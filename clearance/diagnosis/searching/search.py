@@ -11,6 +11,7 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import (
     ANNEALING,
+    EXPLAINED,
     FOLLOWED,
     LOOSENESS,
     POOR,
@@ -231,10 +232,17 @@ class Search:
         rows[:, :shared] = found[1][:shared]
         # what one recording tells of the machine holds for the others, if it followed
         kept = list(range(shared if found[2] < FOLLOWED else 0, rows.shape[1]))
+        # and makes the others worth patience, if it is explained and was not before
+        told = base is not None and found[2] < EXPLAINED <= base.misfits[first]
 
         def one(r: int) -> Followed | None:
-            other = grow(starts[r], model.only(kept, rows[r]), rows[r, kept], limit, patient=patient)
-            return None if other is None else (other[0], np.append(rows[r, : kept[0]], other[1]), other[2])
+            other = _followed(starts[r], model, rows[r], kept, limit, patient)
+            if told and (other is None or other[2] > POOR) and not self.late():
+                start = self.sought(r, model, rows[r], PATIENCE)
+                rows[r, -1] = start.trace.speed
+                again = _followed(start, model, rows[r], kept, limit, patient)
+                other = min((way for way in (other, again) if way is not None), key=_misfit, default=None)
+            return other
 
         with ThreadPoolExecutor(self.workers) as pool:
             for r, other in zip(order, pool.map(one, order), strict=True):
@@ -244,6 +252,11 @@ class Search:
         for r, each in grown.items():
             rows[r, shared:] = each[1][shared:]
         return [grown[r][0] for r in range(len(starts))], rows, float(np.mean([g[2] for g in grown.values()]))
+
+    def sought(self, r: int, model: Model, row: np.ndarray, patience: int = 0) -> Start:
+        """Where a recording can be followed from, at its own speed, by a machine of others' values."""
+        trace = self.retrace(r, model.machine(row), model.instrument(row))
+        return Start.of(trace, model.held(np.append(row[:-1], trace.speed)), LOOSENESS, patience)
 
     def loosened(self, attempt: Attempt) -> Attempt:
         """The nominal machine on an attempt's paths with unknown forces: what it lacks shows in them."""
@@ -396,3 +409,15 @@ class Search:
     def retrace(self, r: int, machine: SliderCrank, instrument: Instrument = NO_FAULT) -> Trace:
         """The path of a recording for another machine, or with faults of its sensors undone."""
         return Trace.of(self.recordings[r], self.alignments[r], machine, instrument)
+
+
+def _followed(
+    start: Start, model: Model, row: np.ndarray, kept: list[int], limit: float, patient: bool
+) -> Followed | None:
+    """Follow a recording with some unknowns, ``kept``, the last ones; all others stay."""
+    found = grow(start, model.only(kept, row), row[kept], limit, patient=patient)
+    return None if found is None else (found[0], np.append(row[: kept[0]], found[1]), found[2])
+
+
+def _misfit(followed: Followed) -> float:
+    return followed[2]

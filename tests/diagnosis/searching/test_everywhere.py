@@ -11,13 +11,12 @@ from clearance.errors import InputError
 from tests.diagnosis.judging.test_verdict import attempt
 
 
-def search_with(monkeypatch, grown, recordings=1):
+def search_with(grown, recordings=1):
     """A search that follows as it is told, from anywhere."""
     start = SimpleNamespace(trace=SimpleNamespace(speed=70.0), doubt=1.0)
-    monkeypatch.setattr(everywhere, "start_anew", lambda *_: start)
     return SimpleNamespace(
         setting=SimpleNamespace(model=lambda held: None), workers=1, starts=[start] * recordings, grown=grown,
-        profile=SimpleNamespace(best=3e-4),
+        profile=SimpleNamespace(best=3e-4), sought=lambda *_: start,
     )  # fmt: skip
 
 
@@ -42,7 +41,7 @@ def test_a_clearance_that_was_led_astray_is_begun_again_where_the_motion_agrees(
         found.fit.values = np.array([[11e-4, 835.0, 70.0]])
         return found
 
-    search = search_with(monkeypatch, grown)
+    search = search_with(grown)
     held, row = attempt([name], 1.0).hypotheses, np.array([5e-4, 841.0, 70.0])
     held[0].fault = None
     found = fit_everywhere(search, held, row, 0, attempt([], 122.0), anew=True, clearance=clearance)
@@ -77,7 +76,7 @@ def test_a_recording_that_is_lost_is_looked_for_again_with_what_another_one_tell
         return SimpleNamespace(fit=SimpleNamespace(values=np.array([[3.1e-4, 8.3e-5, 700.0]])))
 
     monkeypatch.setattr(everywhere, "refine", refine)
-    search = search_with(monkeypatch, grown, recordings=2)
+    search = search_with(grown, recordings=2)
     held, base = attempt(["worn_bearing"], 1.0).hypotheses, attempt([], 100.0, each=[before, 100.0])
     fit_everywhere(search, held, np.array([3e-4, 6e-5, 700.0]), 0, base, anew=True)
     assert begun == pytest.approx(expected)
@@ -94,7 +93,7 @@ def test_what_an_earlier_look_has_found_stands_where_a_later_one_fails(monkeypat
             raise one
         return one
 
-    search = search_with(monkeypatch, grown)
+    search = search_with(grown)
     held = attempt(["worn_bearing"], 1.0).hypotheses
     row = np.array([3e-4, 6e-5, 700.0])
     assert fit_everywhere(search, held, row, 0, attempt([], 100.0), anew=True) is first
