@@ -54,7 +54,9 @@ _Ways = list[tuple[int, Iterator[Found | None]]]
 """Segments at which a path was lost, and what is left of the ways on from each."""
 
 
-def begin_guide(search: Search, explanation: Explanation, shown: Shown | None = None) -> None:
+def begin_guide(
+    search: Search, explanation: Explanation, shown: Shown | None = None, part: Attempt | None = None
+) -> None:
     """Fit play of the slider in its guide, from the gap that the motion shows.
 
     On four machines that is off by 5 to 22 %, and the clearance beside it by 0.5 to 3 %. Where no sensor on
@@ -65,6 +67,7 @@ def begin_guide(search: Search, explanation: Explanation, shown: Shown | None = 
         search: after its nominal stage.
         explanation: added to.
         shown: what else the motion shows; if ``None`` nothing.
+        part: effects that the motion does not show and that explain a part: they are followed with it.
     """
     shown = Shown.nothing(search) if shown is None else shown
     try:
@@ -75,8 +78,13 @@ def begin_guide(search: Search, explanation: Explanation, shown: Shown | None = 
             explanation.rails = measure_rails(search, one, shown)
     except np.linalg.LinAlgError:
         return
-    both = [one.hypothesis, *shown.hypotheses]
-    held, values = beside(explanation.nominal, both, np.append(one.value, shown.sizes))
+    others, sizes = shown.hypotheses, shown.sizes
+    if part is not None:
+        others, sizes = (
+            (*others, *part.hypotheses),
+            np.append(sizes, part.fit.values[0, 1 : part.model.shared]),
+        )
+    held, values = beside(explanation.nominal, [one.hypothesis, *others], np.append(one.value, sizes))
     model = search.setting.model(held)
     values[:, 0] = one.clearance
     for factor in _GAPS:

@@ -35,6 +35,7 @@ from clearance.diagnosis.searching.from_motion import (
     begin_wear,
 )
 from clearance.diagnosis.searching.geometry import (
+    GEOMETRIC,
     LOOSE_GUIDE,
     Dimension,
     suggest_channels,
@@ -189,7 +190,9 @@ def _search_all(
 
     def motion() -> None:
         if explanation.rails is None:  # on a frame that gives way they were looked for before
-            begin_guide(search, explanation)
+            part = unfinished(explanation, most)
+            drives = part in built_on and part.hypotheses[0].name not in GEOMETRIC and _sound(part)
+            begin_guide(search, explanation, None, part if drives else None)
         if settled(search, explanation, nominal):
             return
         begin_dimensions(search, explanation, dimensions(), displaced, most)
@@ -354,6 +357,10 @@ def _refined(explanation: Explanation, best: Attempt) -> bool:
     """Whether a table with more knots was fitted in the place of the best one."""
     label, knots = best.label, best.model.shared
     return any(a.label == label and a.model.shared > knots for a in explanation.attempts)
+
+
+def _sound(attempt: Attempt) -> bool:
+    return all(hypothesis.fault is None for hypothesis in attempt.hypotheses)
 
 
 def _loose(attempt: Attempt) -> bool:
