@@ -71,12 +71,12 @@ def recording(campaign):
             r"amplitude = 2e-05 m closes the bore of a joint .*1e-05 m .*change mechanism.joint_b.clear",
         ),
         (
-            ("bearing=worn", "campaign.clearance_range=[2e-5,1e-3]"),
-            "joint_c from 2e-05 m on: the lobes .*, 2e-05 m, must be .*change campaign.clearance_range$",
+            ("bearing=worn", "campaign.clearance_range=[1e-5,2e-5]"),
+            "joint_c: 2e-05 m, must be above 2.2e-05 m, or the lobes .*change campaign.clearance_range$",
         ),
         (
             ("bearing=worn", "joint=none", "campaign.random={joint_b.clearance: [0, 1e-4]}"),
-            "clearance of joint_b from 0 m on: the lobes .* change campaign.random$",
+            "clearance of joint_b: 0 m, must be above 2e-05 m, .* change campaign.random$",
         ),
         ("drive=free", "mechanism.drive = Free: nothing turns a run, which begins at rest.*mechanism.drive$"),
         ("campaign.joint=null", "joint = None is no ClearanceLocation; write joint=NAME .*campaign.joint$"),

@@ -36,6 +36,7 @@ from clearance.simulation.integrator import Integrator
 log = logging.getLogger(__name__)
 DEVICES = ("cpu", "cuda")
 _CAMPAIGN = "campaign"  # whose fingerprint an exported recording carries in its metadata
+_OPEN = 1.1  # times the lobes of a worn bore: where clearances begin
 
 SIGNAL_CHANNELS = (*ACCELERATIONS, *OTHER_CHANNELS)
 """Channels in the order of the simulation's signals."""
@@ -77,7 +78,7 @@ class Campaign:
         sensors: imperfections of the sensors.
         runs: how many.
         seed: of all draws.
-        clearance_range: of the uniform draw [m].
+        clearance_range: of the uniform draw [m]; in a worn bore from 1.1 times its lobes on.
         speed_range: of the uniform draw of the speed that the drive is asked for [rpm].
         duration: of a simulation [s].
         record_start: time of the first recorded sample [s].
@@ -160,20 +161,23 @@ class Campaign:
 
     def _require_open_bores(self) -> None:
         """Refuse clearances that a worn bore's lobes would close: such a run has no machine."""
-        drawn: Mapping[str, Sequence[float]] = self.random or {}
         for name, location in (("joint_b", self.joint.b), ("joint_c", self.joint.c)):
-            joint = getattr(self.mechanism, name)
-            if not isinstance(joint.bearing, Worn):
-                continue
-            key, (low, high) = "clearance_range", self.clearance_range
+            key, least, lobes = "clearance_range", self.clearance_range[1], _OPEN * self._lobes(name)
             if location is False:
-                key, (low, high) = "random", drawn.get(f"{name}.clearance", (0.0, 0.0))
-            lobes = max(joint.bearing.amplitude, *drawn.get(f"{name}.bearing.amplitude", (0.0,)))
-            if low <= lobes and lobes > 0.0 and high > 0.0:
+                key, (least, most) = "random", (self.random or {}).get(f"{name}.clearance", (0.0, 0.0))
+                lobes = self._lobes(name) if most > 0.0 else 0.0
+            if least <= lobes and lobes > 0.0:
                 raise InputError(
-                    f"clearance of {name} from {low:g} m on: the lobes of its bore, {lobes:g} m, must be "
-                    f"smaller; set bearing.amplitude below it, or change the key that ends in {key!r}"
+                    f"clearance of {name}: {least:g} m, must be above {lobes:g} m, or the lobes of its bore "
+                    f"close it; set bearing.amplitude below it, or change the key that ends in {key!r}"
                 )
+
+    def _lobes(self, name: str) -> float:
+        """How far those of a joint's bore may reach in [m]; 0 where it is round."""
+        bearing = getattr(self.mechanism, name).bearing
+        if not isinstance(bearing, Worn):
+            return 0.0
+        return max(bearing.amplitude, *(self.random or {}).get(f"{name}.bearing.amplitude", (0.0,)))
 
     @property
     def sampling(self) -> Sampling:
@@ -200,15 +204,17 @@ class Campaign:
     def labels(self, runs: Sequence[int]) -> np.ndarray:
         """(runs, 3) clearance of B and C [m], and the speed that the drive is asked for [rad/s].
 
-        A motor at constant voltage is asked for its no-load speed, and turns more slowly.
+        A motor at constant voltage is asked for its no-load speed, and turns more slowly. In a worn bore
+        clearances begin where its lobes leave some.
         """
         low, high = self.clearance_range
+        low_b, low_c = (max(low, _OPEN * self._lobes(name)) for name in ("joint_b", "joint_c"))
         slow, fast = self.speed_range
         unknown = any(path.endswith(".clearance") for path in self.random or ())
         values = np.zeros((len(runs), 3))
         for row, run in enumerate(runs):
             draw = np.random.default_rng([self.seed, run]).uniform(size=3)
-            drawn_b, drawn_c = low + draw[0] * (high - low), low + draw[1] * (high - low)
+            drawn_b, drawn_c = low_b + draw[0] * (high - low_b), low_c + draw[1] * (high - low_c)
             nominal = self._nominal(run) if unknown else self.mechanism
             at_b, at_c = self._location(run)
             values[row, 0] = drawn_b if at_b else nominal.joint_b.clearance

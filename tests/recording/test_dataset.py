@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from clearance.errors import InputError
+from clearance.mechanism.bearing import Worn
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.chain import MeasurementChain
@@ -265,3 +266,14 @@ def test_damaged_labels_are_named(tmp_path):
     chunk.write_bytes(chunk.read_bytes()[:-3])
     with pytest.raises(InputError, match=r"labels of .*data are damaged"):
         _ = Dataset.open(tmp_path / "data").labels
+
+
+def test_clearances_of_a_worn_bore_begin_where_its_lobes_leave_some(tmp_path):
+    """What a diagnosis corrected is simulated with the usual range."""
+    worn = replace(SliderCrank(), joint_c=Joint(3e-4, bearing=Worn(amplitude=2e-5, order=3)))
+    campaign = replace(SMALL, mechanism=worn, clearance_range=(0.0, 4e-5))
+    found = campaign.labels(range(200))[:, 1]
+    assert 2.2e-5 <= found.min() < 2.3e-5
+    assert found.max() <= 4e-5
+    made = replace(campaign, runs=8).generate(tmp_path / "data")
+    assert len(made.available()) == 8  # none blew up
