@@ -28,9 +28,7 @@ _FEW = 0.1  # of them: where more are torn their paths are not looked for
 _CHANCE = 2.0  # standard deviations of a segment's cost: more is torn beside a model that explains
 _LOST = 2.0  # cost a sample of a segment that is then looked for
 _WORTH = 5e-3  # share by which the cost falls where another look is worth the time
-_FINELY = (
-    0.01  # of the unknown forces' deviations: where a path is near, larger ones reach into other contacts
-)
+_FINELY = 0.01  # of the unknown forces' deviations: near a path larger ones reach into other contacts
 _LARGE = 12  # unknowns from which on their last digits are not worth the time
 
 

@@ -126,7 +126,7 @@ def diagnose(
             _about(track, r, best.fit, held_out, turned[r]) for r, track in enumerate(search.tracks)
         ],
         "warnings": [
-            f"{track.name}: {', '.join(track.silent)} shows nothing but a constant and was left out"
+            f"{track.name}: left out, for showing nothing but a constant: {', '.join(track.silent)}"
             for track in tracks if track.silent
         ],
         "seconds": round(time.monotonic() - started, 1),

@@ -11,7 +11,6 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import (
     ANNEALING,
-    EXPLAINED,
     FOLLOWED,
     LOOSENESS,
     POOR,
@@ -22,14 +21,15 @@ from clearance.diagnosis.following.attempt import (
     whole,
 )
 from clearance.diagnosis.following.finished import Finished, kept_in
-from clearance.diagnosis.following.growth import Followed, Start, grow, scale_of
+from clearance.diagnosis.following.growth import Start, grow, scale_of
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.clipping import clipped_sensors
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.kinematics.agreement import Alignment, profile
 from clearance.diagnosis.kinematics.rhythm import Rhythm
-from clearance.diagnosis.searching.beside import BETTER, HALFWAY, NEARLY, beside, enough
+from clearance.diagnosis.searching.beside import BETTER, HALFWAY, NEARLY, beside
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.one_by_one import follow_all
 from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.measured import NO_FAULT, Measured
@@ -42,7 +42,6 @@ _GLANCES, _GLANCE = 3, 40  # glances at the clearance, and segments of each
 _FACTORS = (1.0, 0.95, 1.05)  # on it, tried one after another
 _SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on looks tell little
 PATIENCE = 40  # times that a path is looked for in vain at the beginning
-_MORE = 1.01  # times the clearance: enough to meet impacts otherwise
 _LOOKS = 2  # times that recordings are followed anew with better values
 _LEFT = 0.3  # of what is missing beside a near path: what is right leaves less, but for torn impacts
 _AS_GOOD = 1.05  # times the best misfit: what explains and leaves no more has ended in its minimum
@@ -201,57 +200,18 @@ class Search:
         """
         model = self.setting.model(hypotheses) if model is None else model
         starts = self.starts if starts is None else starts
-        grown = self._grown(starts, model, values, limit, base, patient, insist)
+
+        def seek(r: int, row: np.ndarray) -> Start | None:
+            try:
+                return None if self.late() else self.sought(r, model, row, PATIENCE)
+            except (InputError, np.linalg.LinAlgError):  # no motion is near with such values
+                return None
+
+        grown = follow_all(starts, model, values, seek, self.workers, limit, base, patient, insist)
         if grown is None:
             return None
         followers, rows, misfit = grown
         return refine(hypotheses, model, followers, rows, scale_of(misfit), 8, self.workers)
-
-    def _grown(
-        self,
-        starts: Sequence[Start],
-        model: Model,
-        values: np.ndarray,
-        limit: float,
-        base: Attempt | None,
-        patient: bool,
-        insist: int,
-    ) -> tuple[list[Follower], np.ndarray, float] | None:
-        """Followers, values and misfit: the surest recording first, the others with what it tells."""
-        order = [int(r) for r in np.argsort([start.doubt for start in starts])]
-        rows, shared = values.copy(), model.shared
-        for k, first in enumerate(order * insist or order[:1]):
-            rows[first, 0] = values[first, 0] * _MORE ** (k // len(order))
-            found = grow(starts[first], model, rows[first], limit, patient=patient)
-            if found is not None and (base is None or found[2] <= enough(base, first)):
-                break
-        else:
-            return None
-        order.remove(first)
-        grown = {first: found}
-        rows[:, :shared] = found[1][:shared]
-        # what one recording tells of the machine holds for the others, if it followed
-        kept = list(range(shared if found[2] < FOLLOWED else 0, rows.shape[1]))
-        # and makes the others worth patience, if it is explained and was not before
-        told = base is not None and found[2] < EXPLAINED <= base.misfits[first]
-
-        def one(r: int) -> Followed | None:
-            other = _followed(starts[r], model, rows[r], kept, limit, patient)
-            if told and (other is None or other[2] > POOR) and not self.late():
-                start = self.sought(r, model, rows[r], PATIENCE)
-                rows[r, -1] = start.trace.speed
-                again = _followed(start, model, rows[r], kept, limit, patient)
-                other = min((way for way in (other, again) if way is not None), key=_misfit, default=None)
-            return other
-
-        with ThreadPoolExecutor(self.workers) as pool:
-            for r, other in zip(order, pool.map(one, order), strict=True):
-                if other is None:
-                    return None
-                grown[r] = other
-        for r, each in grown.items():
-            rows[r, shared:] = each[1][shared:]
-        return [grown[r][0] for r in range(len(starts))], rows, float(np.mean([g[2] for g in grown.values()]))
 
     def sought(self, r: int, model: Model, row: np.ndarray, patience: int = 0) -> Start:
         """Where a recording can be followed from, at its own speed, by a machine of others' values."""
@@ -409,15 +369,3 @@ class Search:
     def retrace(self, r: int, machine: SliderCrank, instrument: Instrument = NO_FAULT) -> Trace:
         """The path of a recording for another machine, or with faults of its sensors undone."""
         return Trace.of(self.recordings[r], self.alignments[r], machine, instrument)
-
-
-def _followed(
-    start: Start, model: Model, row: np.ndarray, kept: list[int], limit: float, patient: bool
-) -> Followed | None:
-    """Follow a recording with some unknowns, ``kept``, the last ones; all others stay."""
-    found = grow(start, model.only(kept, row), row[kept], limit, patient=patient)
-    return None if found is None else (found[0], np.append(row[: kept[0]], found[1]), found[2])
-
-
-def _misfit(followed: Followed) -> float:
-    return followed[2]

@@ -1,0 +1,50 @@
+"""A diagnosis in plain words."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.hypotheses.effect_files import load_effects
+from clearance.diagnosis.judging.verdict import Estimate
+from clearance.diagnosis.judging.words import sentences
+from clearance.diagnosis.searching.explanation import Explanation
+from tests.diagnosis.judging.test_verdict import attempt, known
+
+
+@pytest.mark.parametrize(
+    ("gain", "misfit", "after", "headline", "reason"),
+    [
+        (73.0, 0.97, 0.97, "The recordings are explained to within", "gravity(gravity_y) promises more (73)"),
+        (5.0, 1.25, 1.0, "The recordings are explained to within", "what is left (1.25) is more"),
+        (73.0, 0.97, 3.0, "Something is missing", "(errors 3, floor 1.00)"),
+    ],
+)
+def test_what_is_small_and_has_no_name_is_not_called_a_model_that_fails(
+    monkeypatch, gain, misfit, after, headline, reason
+):
+    known(monkeypatch, lambda _: [Estimate(3e-4, 3e-4, 3e-4)])
+    nominal = attempt([], misfit)
+    nominal.fit.values = np.array([[3e-4, 700.0]])
+    effect = SimpleNamespace(body="rod", direction="y")
+    hint = SimpleNamespace(label="gravity(gravity_y)", gain=gain, hypotheses=[effect])
+    fit = {"held_out": {"before": after, "after": after}}
+    told = sentences("unknown", Explanation(nominal, hints=[hint]), "C", fit, ["rod_c_axial"])
+    assert told[0].startswith(headline)
+    assert reason in told[0]
+    assert "What comes nearest is a force on the rod, along y." in told[1]
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter", "value", "expected"),
+    [
+        ("slider_offset", "offset", (-6.353e-3, -6.36e-3, -6.346e-3), "-6.353 (-6.36 to -6.346) mm"),
+        ("second_clearance", "clearance", (8.3e-5, 8.2e-5, 8.4e-5), "83 (82 to 84) µm"),
+        ("timebase", "rate_error", (0.04678, 0.0467, 0.0469), "4.678 (4.67 to 4.69) %"),
+        ("worn_bearing", "order", (3.0, 3.0, 3.0), "3"),
+        ("sensor_misalignment", "angle", (5.7, 5.5, 5.9), "5.7° (5.5 to 5.9)"),
+    ],
+)
+def test_a_number_has_its_unit_once(effect, parameter, value, expected):
+    (one,) = load_effects([effect], [])
+    assert one.parameter(parameter).text(*value) == expected
