@@ -186,7 +186,9 @@ def _load(
     apart = 0.0 if others else _HELD_OUT
     told = {name: segments_before(len(one.values), apart) for name, one in everything.items()}
     silent = {
-        name: tuple(c for c in shared if np.ptp(recording.channel(c)[: told[name] * SAMPLES]) == 0.0)
+        name: tuple(
+            c for c in shared if told[name] and np.ptp(recording.channel(c)[: told[name] * SAMPLES]) == 0.0
+        )
         for name, recording in everything.items()
     }
     heard = [c for c in shared if not any(c in mute for mute in silent.values())] or shared

@@ -135,6 +135,7 @@ def recordings(tmp_path_factory):
     whole = record(machine, 5)
     write(whole, folder / "a.parquet")
     write(replace(whole, values=whole.values[:600]), folder / "short.parquet")
+    write(replace(whole, values=whole.values[:3]), folder / "tiny.parquet")
     write(replace(whole, values=whole.values[:1500]), folder / "short_of_a_third.parquet")
     write(replace(whole, values=whole.values[::2], rate=5e3), folder / "slow.parquet")
     write(whole.select(["crank_b_axial"]), folder / "crank.parquet")
@@ -171,6 +172,7 @@ def recordings(tmp_path_factory):
             ("recordings=a.parquet", "held_out=moved.parquet", "mechanism.sensor_positions=[0,0.05,0,0.11]"),
             "the machine has it at 0.11 m",
         ),
+        (("recordings=tiny.parquet",), "tiny.parquet: 3 samples are too few to follow; give at least 160"),
         (("held_out=a.parquet",), "nothing to fit; give recordings"),
     ],
 )
