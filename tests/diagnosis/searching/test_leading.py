@@ -5,7 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from clearance.diagnosis.searching import one_by_one
 from clearance.diagnosis.searching import search as searching
+from clearance.diagnosis.searching.one_by_one import follow_all
 from clearance.diagnosis.searching.search import Search
 
 SHARED, SURE = 2, 1  # the second recording's start is the surest
@@ -22,7 +24,7 @@ def test_where_the_surest_recording_is_lost_another_leads_if_the_values_were_poi
         lost = start.number == SURE and len(model.unknowns) > 1  # with all unknowns, not with its speed alone
         return None if lost else (f"path {start.number}", np.full(len(row), 7.0), 0.9)
 
-    monkeypatch.setattr(searching, "grow", grow)
+    monkeypatch.setattr(one_by_one, "grow", grow)
     monkeypatch.setattr(searching, "refine", lambda held, model, followers, rows, *_: (followers, rows))
     search = object.__new__(Search)
     search.workers = 1
@@ -48,8 +50,8 @@ def test_a_second_round_begins_with_a_little_more_clearance(monkeypatch):
         asked.append((start.number, float(row[0])))
         return None
 
-    monkeypatch.setattr(searching, "grow", grow)
+    monkeypatch.setattr(one_by_one, "grow", grow)
     starts = [SimpleNamespace(number=0, doubt=2.0), SimpleNamespace(number=SURE, doubt=1.0)]
     model = SimpleNamespace(shared=SHARED, unknowns="abc")
-    assert object.__new__(Search).grown((), np.ones((2, 3)), starts, model=model, insist=2) is None
+    assert follow_all(starts, model, np.ones((2, 3)), lambda r, row: None, 1, insist=2) is None
     assert asked == [(SURE, 1.0), (0, 1.0), (SURE, pytest.approx(1.01)), (0, pytest.approx(1.01))]
