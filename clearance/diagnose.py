@@ -31,6 +31,7 @@ from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.significance import ENOUGH
 from clearance.diagnosis.sensing.demonstration import CLEARANCE, demonstration
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured, chain_of, segments_before
+from clearance.diagnosis.sensing.tolerances import Tolerances
 from clearance.errors import InputError
 from clearance.mechanism.description import write_mechanism
 from clearance.mechanism.slider_crank import SliderCrank
@@ -118,7 +119,7 @@ def main(cfg: DictConfig) -> None:
         if not recordings:
             log.info("no recordings given: a demonstration on a simulated machine with friction on its guide")
         recordings = recordings or demonstration(settings[0].with_clearance(CLEARANCE))
-        fitted, judged = _load(recordings, held_out, channels)
+        fitted, judged = _load(recordings, held_out, channels, _tolerances(cfg.tolerances))
         outcome = diagnose(
             fitted, judged, settings, effects, (low, high), workers, most, log.info, keep,
             limit, finished, simulations,
@@ -165,8 +166,19 @@ def _finished(given: Any) -> Path | None:
     return Path(given)
 
 
+def _tolerances(given: Any) -> Tolerances:
+    if not (given is None or OmegaConf.is_dict(given)):
+        raise InputError(
+            f"tolerances = {given!r} is not null or limits such as {{gain: 0.02}}; change tolerances"
+        )
+    return Tolerances.given(given and OmegaConf.to_container(given))  # type: ignore[arg-type]
+
+
 def _load(
-    named: dict[str, Recording], others: dict[str, Recording], channels: tuple[str, ...]
+    named: dict[str, Recording],
+    others: dict[str, Recording],
+    channels: tuple[str, ...],
+    tolerances: Tolerances,
 ) -> tuple[list[Measured], list[Measured]]:
     """Recordings to fit and recordings to judge by, with the channels that say something in all of them."""
     everything = {**named, **others}
@@ -194,7 +206,9 @@ def _load(
     heard = [c for c in shared if not any(c in mute for mute in silent.values())] or shared
     measured = {
         name: replace(
-            Measured.of(recording.select(heard), chain_of(recording, name), name, apart).noised(),
+            Measured.of(recording.select(heard), chain_of(recording, name), name, apart)
+            .noised()
+            .within(tolerances),
             silent=silent[name],
         )
         for name, recording in everything.items()

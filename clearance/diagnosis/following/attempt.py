@@ -7,6 +7,7 @@ import numpy as np
 
 from clearance.diagnosis.following.horizon import islands, mend
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.shooting.fit import Fit, fit
 from clearance.diagnosis.shooting.follow import EDGE, TIGHT, Follower
 from clearance.diagnosis.shooting.model import Model
@@ -72,6 +73,11 @@ class Attempt:
         return [level * self.scale**2 for level in self.fit.levels]
 
     @property
+    def sensors(self) -> Instrument:
+        """What the accelerometers were found to do within their tolerances."""
+        return self.followers[0].measured.sensors
+
+    @property
     def label(self) -> str:
         """The hypotheses' labels."""
         return " + ".join(h.label for h in self.hypotheses) or "nominal"
@@ -100,7 +106,7 @@ def refine(
     own = tightened(followers)
     best: Attempt | None = None
     for s in [scale, *[a for a in ANNEALING if a < 0.9 * scale]]:
-        paths = [f.path.copy() for f in own]
+        before = [(f.path.copy(), f.measured) for f in own]
         for follower in own:
             follower.integrator = integrator_at(s)
         found = fit(own, model, values, iterations, 1e-2, workers, scale=s)
@@ -119,8 +125,9 @@ def refine(
             if level * s**2 < best.misfit:
                 best = Attempt(tuple(hypotheses), model, found, s, level, own)
             else:
-                for follower, path in zip(own, paths, strict=True):
-                    follower.path, follower.integrator = path, integrator_at(best.scale)
+                for follower, (path, measured) in zip(own, before, strict=True):
+                    follower.path, follower.measured = path, measured
+                    follower.integrator = integrator_at(best.scale)
             break
         values = found.values
         best = Attempt(tuple(hypotheses), model, found, s, level, own)
@@ -146,15 +153,15 @@ def _polished(attempt: Attempt, workers: int) -> Attempt:
         if explained(attempt):
             rows = attempt.fit.passes[0].residual[0].size
             torn, lost = attempt.level * (1.0 + _CHANCE * np.sqrt(2.0 / rows)), _LOST
-        before, paths = attempt.fit, [follower.path.copy() for follower in attempt.followers]
+        before, kept = attempt.fit, [(f.path.copy(), f.measured) for f in attempt.followers]
         if not mend_torn(attempt.followers, attempt.model, before, torn, lost):
             break
         _settle_down(attempt, workers)
         gained = before.cost - attempt.fit.cost
         if gained < 0.0:
             attempt.fit, attempt.level = before, before.level
-            for follower, path in zip(attempt.followers, paths, strict=True):
-                follower.path = path
+            for follower, (path, measured) in zip(attempt.followers, kept, strict=True):
+                follower.path, follower.measured = path, measured
         if gained < _WORTH * before.cost:
             break
     return attempt

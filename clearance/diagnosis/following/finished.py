@@ -25,6 +25,7 @@ from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.kinematics.agreement import Alignment, Profile
 from clearance.diagnosis.kinematics.reconstruction import Reconstruction
 from clearance.diagnosis.sensing.measured import Measured
+from clearance.diagnosis.sensing.tolerances import instrument_of, values_of
 from clearance.diagnosis.shooting import follow
 from clearance.diagnosis.shooting.fit import fit
 from clearance.diagnosis.shooting.follow import Follower
@@ -189,6 +190,8 @@ class Finished:
             packed[f"{i} place"] = np.array([r, measured.first - self.recordings[r].first])
             packed[f"{i} nodes"], packed[f"{i} inputs"] = follower.path.nodes, follower.path.inputs
             packed[f"{i} sigma"] = follower.input_sigma
+            what = measured.tolerances.open(measured.channels)
+            packed[f"{i} sensors"] = np.array(values_of(what, measured.sensors))
             packed[f"{i} clock"] = np.array([measured.clock, measured.period])
             packed[f"{i} fine"] = np.array(follower.integrator == FINE)
         return packed
@@ -200,7 +203,9 @@ class Finished:
             nodes = kept[f"{key}nodes"]
             clock, period = map(float, kept[f"{key}clock"])
             whole = replace(self.recordings[r], clock=clock, period=period)
-            measured = whole.part(first, first + len(nodes))
+            what = whole.tolerances.open(whole.channels)
+            sensors = instrument_of(what, kept[f"{key}sensors"])
+            measured = whole.calibrated(sensors).part(first, first + len(nodes))
             integrator = FINE if kept[f"{key}fine"] else COARSE
             follower = Follower(measured, integrator, kept[f"{key}sigma"])
             follower.path = follow.Path(nodes, kept[f"{key}inputs"])
@@ -224,7 +229,9 @@ def kept_in(
     known = {
         "program": _program(), "content": content.hexdigest(), "machine": setting.machine,
         "joint": setting.joint, "alignments": list(alignments),
-        "recordings": [[one.name, one.channels, one.sigma.tolist(), one.chain] for one in recordings],
+        "recordings": [
+            [one.name, one.channels, one.sigma.tolist(), one.chain, one.tolerances] for one in recordings
+        ],
         "hypotheses": [
             [h.label, h.start.tolist(), h.off.tolist(), h.unknowns] for g in groups.values() for h in g
         ],

@@ -101,7 +101,8 @@ def go_on(attempt: Attempt, trace: Trace, model: Model, until: float) -> Way | N
         return None
     before, speed = known
     own, end = trace.measured.first, trace.measured.first + trace.length
-    follower = Follower(_joined(before.measured, end), COARSE, TIGHT.copy())
+    whole = _joined(before.measured, end).judged(attempt.sensors)
+    follower = Follower(whole, COARSE, TIGHT.copy())
     follower.path.nodes[: before.segments] = before.path.nodes
     start = Start(trace, follower, before.segments - ISLAND - _BACK, 0.0)
     way = _grown(start, model, np.array([speed]), True, until, start.follower.segments)

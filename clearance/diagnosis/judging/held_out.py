@@ -9,7 +9,7 @@ from itertools import chain
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained, refine
+from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained, refine, tightened
 from clearance.diagnosis.following.onward import Way, best_of, go_on, together, ways_to_follow
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.judging.likelihood import ask_likelihood
@@ -147,14 +147,17 @@ def _held_out(
     own, instrument = model.machine(attempt.fit.values[0]), model.instrument(attempt.fit.values[0])
     machine = _elsewhere(own)
     if beside is not None and alike(machine, beside.model.machine(beside.fit.values[0])):
-        speeds = beside.fit.values[:, -1:]
-        found = refine((), only_speed, beside.followers, speeds, ANNEALING[1], 8, search.workers, False)
+        speeds, paths = beside.fit.values[:, -1:], tightened(beside.followers)
+        for follower in paths:
+            follower.measured = follower.measured.judged(attempt.sensors)
+        found = refine((), only_speed, paths, speeds, ANNEALING[1], 8, search.workers, False)
         found.shares = beside.shares
     else:
         # what explains its own recordings is looked for with patience in others, unless it is theirs alone
         patience = PATIENCE if explained(attempt) and not _passing(own) else 0
 
         def one(measured: Measured) -> Attempt:
+            measured = measured.judged(attempt.sensors)
             try:
                 known = aligned(measured, machine, speeds_near(search))
                 trace = Trace.of(measured, known, machine, instrument)

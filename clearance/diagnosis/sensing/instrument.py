@@ -23,8 +23,8 @@ from clearance.recording.channels import ACCELERATIONS, AXIS_PAIRS, require_chan
 
 FloatArray = NDArray[np.float64]
 
-_OTHER_AXIS = {first: (second, 1.0) for first, second in AXIS_PAIRS}
-_OTHER_AXIS |= {second: (first, -1.0) for first, second in AXIS_PAIRS}
+OTHER_AXIS = {first: (second, 1.0) for first, second in AXIS_PAIRS}
+OTHER_AXIS |= {second: (first, -1.0) for first, second in AXIS_PAIRS}
 _SINC_HALF = 16  # samples on each side of an interpolated one
 _KAISER = 8.0  # shape of the window over them: 80 dB, up to 0.85 of the Nyquist frequency
 
@@ -41,7 +41,7 @@ def misalign(signals: FloatArray, channels: Sequence[str], degrees: ArrayLike) -
     across = np.zeros_like(signals)
     for column in map(int, np.flatnonzero(angles)):
         name = channels[column]
-        other, sign = _OTHER_AXIS.get(name, ("", 0.0))
+        other, sign = OTHER_AXIS.get(name, ("", 0.0))
         if other in channels:
             across[:, column] = sign * signals[:, channels.index(other)]
         elif other not in STILL:
@@ -172,6 +172,13 @@ class Instrument:
         settings: dict[str, Any] = {fault: {**getattr(self, fault), name: float(value)}}
         return replace(self, **settings)
 
+    def beside(self, other: "Instrument") -> "Instrument":
+        """Both together: small ones add up, gains multiply; what only the other has is the other's."""
+        angle, late = _both(self.misalignment, other.misalignment), _both(self.delay, other.delay)
+        gain = {**self.gain, **{c: g * self.gain.get(c, 1.0) for c, g in other.gain.items()}}
+        bias = _both(self.bias, other.bias)
+        return replace(other, misalignment=angle, delay=late, gain=gain, bias=bias)
+
     def apply(
         self, signals: FloatArray, channels: Sequence[str], rate: float, start: float = 0.0
     ) -> FloatArray:
@@ -235,6 +242,10 @@ class Instrument:
             _each(columns, self.resonance_damping, 0.05),
         )
         return turn_back(restored, known, columns, _each(columns, self.misalignment, 0.0))
+
+
+def _both(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
+    return {**one, **{channel: value + one.get(channel, 0.0) for channel, value in other.items()}}
 
 
 def _each(channels: Sequence[str], fault: Mapping[str, float], neutral: float) -> FloatArray:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from clearance.diagnosis.sensing.encoder import ENCODER_COUNTS, encoder_counts, rounding_noise
-from clearance.diagnosis.sensing.instrument import Instrument
+from clearance.diagnosis.sensing.instrument import OTHER_AXIS, Instrument
+from clearance.diagnosis.sensing.tolerances import HALF, NOTHING_LEFT_OPEN, Tolerances
 from clearance.errors import InputError
 from clearance.recording.chain import MeasurementChain, declared_chain
 from clearance.recording.channels import CHANNELS
@@ -80,6 +81,9 @@ class Measured:
             added.
         clock: what a clock that all recordings share shows where the whole recording begins [s].
         period: after which something repeats by that clock, and which is followed whole [s]; 0: nothing does.
+        tolerances: within which its accelerometers may be off.
+        sensors: what they were found to do within these, undone in ``values``, ``recorded`` and ``sigma``.
+        raw: ``recorded`` and ``sigma`` before that; ``None`` where nothing was undone.
     """
 
     name: str
@@ -96,6 +100,9 @@ class Measured:
     noiseless: bool = False
     clock: float = 0.0
     period: float = 0.0
+    tolerances: Tolerances = NOTHING_LEFT_OPEN
+    sensors: Instrument = NO_FAULT
+    raw: tuple[np.ndarray, np.ndarray] | None = None
 
     @staticmethod
     def of(recording: Recording, chain: MeasurementChain, name: str, held_out: float = 0.0) -> "Measured":
@@ -150,10 +157,62 @@ class Measured:
         random = np.random.default_rng(crc32(self.recorded.tobytes()))
         noise = added * random.normal(size=self.recorded.shape)
         recorded = self.recorded + np.where(np.abs(self.recorded) < self.limits, noise, 0.0)
-        first = self.first * SAMPLES
-        values = recorded[first : first + self.values[..., 0].size].reshape(self.values.shape)
         sigma = np.hypot(self.sigma, added)
-        return replace(self, values=values, recorded=recorded, sigma=sigma, noiseless=True)
+        return replace(self, values=self._cut(recorded), recorded=recorded, sigma=sigma, noiseless=True)
+
+    def within(self, tolerances: Tolerances) -> "Measured":
+        """The same recording by accelerometers that are not known better than this.
+
+        Until they are calibrated what they may be off by counts as noise.
+        """
+        off, still = np.zeros(len(self.channels)), self.recorded - self.recorded.mean(axis=0)
+        size, rate = still.std(axis=0), np.gradient(still, 1.0 / self.chain.rate, axis=0).std(axis=0)
+        for one in tolerances.open(self.channels):
+            place = self.channels.index(one.channel)
+            across = OTHER_AXIS.get(one.channel, ("", 0.0))[0]
+            turned = size[self.channels.index(across)] if across in self.channels else 0.0
+            felt = {"gain": size[place], "misalignment": np.radians(turned), "delay": rate[place], "bias": 1.0}
+            off[place] = np.hypot(off[place], HALF * one.tolerance * felt[one.fault])
+        raw = self.recorded, self.sigma
+        return replace(self, tolerances=tolerances, sigma=np.hypot(self.sigma, off), raw=raw)
+
+    @property
+    def widened(self) -> float:
+        """How much larger its noise is taken than it is, while its accelerometers are not calibrated."""
+        if self.raw is None or self.sensors != NO_FAULT:
+            return 1.0
+        return float((self.sigma / self.raw[1]).max())
+
+    def calibrated(self, sensors: Instrument) -> "Measured":
+        """The same recording with what its accelerometers were found to do undone, and nothing else."""
+        plain = self.as_recorded()
+        if sensors == NO_FAULT:
+            return plain
+        whole, _ = sensors.correct(plain.recorded, self.channels, self.chain.rate)
+        _, sigma, _ = plain.restored(sensors)
+        raw = plain.recorded, plain.sigma
+        return replace(
+            self, values=self._cut(whole), recorded=whole, sigma=sigma, sensors=sensors, raw=raw
+        )
+
+    def judged(self, sensors: Instrument) -> "Measured":
+        """Likewise, and nothing is left open any more: what was held out must not calibrate."""
+        return replace(self.calibrated(sensors), tolerances=NOTHING_LEFT_OPEN)
+
+    def as_recorded(self) -> "Measured":
+        """The same recording as its accelerometers made it."""
+        if self.raw is None:
+            return self
+        recorded, sigma = self.raw
+        values = self._cut(recorded)
+        return replace(
+            self, values=values, recorded=recorded, sigma=sigma, sensors=NO_FAULT, raw=None
+        )
+
+    def _cut(self, whole: np.ndarray) -> np.ndarray:
+        """(segments, samples, channels) of this part."""
+        first = self.first * SAMPLES
+        return whole[first : first + self.values[..., 0].size].reshape(self.values.shape)
 
     def part(self, first: int, last: int) -> "Measured":
         """Segments ``first`` to ``last`` alone."""
@@ -208,9 +267,7 @@ class Measured:
         quiet, _ = free.correct(_NOISE[:, : len(self.channels)], self.channels, self.chain.rate)
         sigma = self.sigma * quiet.std(axis=0)
         counted = pace(self.signals, instrument)
-        part = slice(self.first * SAMPLES, self.first * SAMPLES + self.values[..., 0].size)
-        shape = self.values.shape
-        return (whole * counted)[part].reshape(shape), sigma * counted, known[part].reshape(shape)
+        return self._cut(whole * counted), sigma * counted, self._cut(known)
 
     def undone(self, instrument: Instrument) -> "Measured":
         """The same recording as faultless instruments would have made it."""
@@ -220,8 +277,9 @@ class Measured:
     @property
     def clipped(self) -> np.ndarray:
         """(segments, samples, channels) whether a value was recorded at its sensor's limit."""
-        part = slice(self.first * SAMPLES, self.first * SAMPLES + self.values[..., 0].size)
-        return (np.abs(self.recorded[part]) >= self.limits).reshape(self.values.shape)
+        recorded = self.recorded if self.raw is None else self.raw[0]
+        found: np.ndarray = np.abs(self._cut(recorded)) >= self.limits
+        return found
 
     @property
     def begin(self) -> float:

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from clearance.diagnosis.shooting.calibration import as_recorded, calibrate, calibration_of
 from clearance.diagnosis.shooting.follow import Follower, alike
 from clearance.diagnosis.shooting.model import Model
 from clearance.diagnosis.shooting.normal_equations import assemble, flatten, solve_bounded, spread
@@ -59,10 +60,12 @@ class Fit(Settled):
     Attributes:
         passes: the linearisation of each recording.
         information: (P, P) of all parameters: shared ones, then each recording's own [1/unit^2].
+        doubts: standard deviations of what the accelerometers were found to do, as ``Tolerances.open`` lists.
     """
 
     passes: Sequence[Pass]
     information: np.ndarray
+    doubts: np.ndarray | None = None
 
     def deviations(self) -> np.ndarray:
         """(P,) standard deviations of all parameters."""
@@ -133,13 +136,42 @@ def fit(
     workers: int = 2,
     **options: Any,
 ) -> Fit:
-    """Settle, and say how well the parameters are known; arguments as of ``settle``."""
-    found = settle(followers, model, values, iterations, tolerance, workers, **options)
+    """Settle, and say how well the parameters are known; arguments as of ``settle``.
+
+    What accelerometers may do within their tolerances is found as well, and undone in the recordings.
+    """
     about = {key: value for key, value in options.items() if key not in _SETTLING}
-    passes = observe(followers, model, found.values, workers, **about)
-    solve(passes, [0.0] * len(passes), workers)
-    information, _ = assemble(passes, model, found.values)
-    return Fit(model, found.values, found.cost, passes, information)
+
+    def look(whole: Model, row: np.ndarray) -> tuple[list[Pass], np.ndarray]:
+        passes = observe(followers, whole, row, workers, **about)
+        solve(passes, [0.0] * len(passes), workers)
+        return passes, assemble(passes, whole, row)[0]
+
+    calibration = calibration_of(followers, model)
+    if calibration is None:
+        found = settle(followers, model, values, iterations, tolerance, workers, **options)
+        passes, information = look(model, found.values)
+        return Fit(model, found.values, found.cost, passes, information)
+    widened, scale = max(one.measured.widened for one in followers), float(about.get("scale", 1.0))
+    sensors, whole = as_recorded(followers), calibration.model
+    try:
+        begun = calibration.beside(values, sensors)
+        for coarse in _scales(scale, widened * scale):
+            coarsely = options | {"scale": coarse}
+            begun = settle(followers, whole, begun, iterations, _COARSELY, workers, **coarsely).values
+        found = settle(followers, whole, begun, iterations, tolerance, workers, **options)
+        information, doubts = calibration.known(look(whole, found.values)[1])
+        sensors = calibration.sensors(found.values[0])
+    finally:
+        calibrate(followers, sensors)
+    values = calibration.without(found.values)
+    return Fit(model, values, found.cost, look(model, values)[0], information, doubts)
+
+
+def _scales(finest: float, coarsest: float) -> list[float]:
+    """Factors on the noise from a coarse one down to, but not including, the finest."""
+    steps = int(np.ceil(np.log(max(coarsest / finest, 1.0)) / np.log(_CLOSER)))
+    return [finest * _CLOSER**step for step in range(steps, 0, -1)]
 
 
 def settle(
@@ -177,7 +209,7 @@ def settle(
     ratio = np.array([u.log for u in model.unknowns], dtype=bool)
     turning = np.array([u.turns for u in model.unknowns], dtype=bool)
     seen = compare(followers, model, values, workers, **options)
-    away = _Leash(model, home)
+    away = _Leash(model, values, home)
     cost = sum(c.cost for c in seen) + away.cost(values)
     first = int(options.get("first", 0))  # type: ignore[call-overload]
     samples = sum(c.samples for c in seen)
@@ -330,6 +362,8 @@ def _harmed(before: Comparison, after: Comparison) -> np.ndarray:
     return ~(after.local < before.local + 0.5 * rows) & ~(after.local < 3.0 * rows)
 
 
+_CLOSER = np.sqrt(10.0)  # times as large is the scale of the noise before
+_COARSELY = 1e-2  # share of the cost whose fall ends a coarse fit
 _SETTLING = ("report", "goal", "tries", "home")  # what only ``settle`` wants to know
 _QUIET, _QUIET_MEAN = 0.9, 0.975  # share of segments, and what they cost where all cost 1 on average
 _MANY = 0.3  # share of segments; a step that harms more is a bad step
@@ -352,15 +386,18 @@ def _stiffness(model: Model, values: np.ndarray) -> np.ndarray:
 class _Leash:
     """What is expected of the unknowns before a stretch is looked at, as a sum of squares."""
 
-    def __init__(self, model: Model, home: np.ndarray | None) -> None:
-        self.model, self.home = model, home
-        self.weight = np.zeros(1) if home is None else _stiffness(model, home) / _EXPECTED**2
+    def __init__(self, model: Model, values: np.ndarray, home: np.ndarray | None) -> None:
+        self.model = model
+        within = flatten(np.tile([u.within for u in model.unknowns], (len(values), 1)), model)
+        far = np.zeros(len(within)) if home is None else _stiffness(model, home) / _EXPECTED**2
+        self.weight = np.where(np.isfinite(within), within**-2.0, far)
+        known = np.array([np.isfinite(u.within) for u in model.unknowns], dtype=bool)
+        expected = np.array([u.expected for u in model.unknowns])
+        self.home = np.where(known, expected, values if home is None else home)
         self.turning = np.array([u.turns for u in model.unknowns], dtype=bool)
 
     def distance(self, values: np.ndarray) -> np.ndarray:
         """(P,) from home; of shared unknowns that of the first recording."""
-        if self.home is None:
-            return np.zeros(1)
         apart = values - self.home
         return flatten(np.where(self.turning, wrapped(apart), apart), self.model)
 

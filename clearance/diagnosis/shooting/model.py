@@ -24,6 +24,8 @@ class Unknown:
         log: whether it counts by ratios: one step changes it by a share at most.
         turns: whether it is an angle [rad], which has no bounds and does not change much in one step: the
             phase of what is hardly there would turn as often as it liked.
+        expected: what it is known to be near before it is fitted.
+        within: standard deviation of that; infinite: nothing is known.
     """
 
     name: str
@@ -34,6 +36,8 @@ class Unknown:
     reach: float = 0.0
     log: bool = False
     turns: bool = False
+    expected: float = 0.0
+    within: float = np.inf
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from clearance.mechanism.slider_crank import SliderCrank
 def test_an_angle_is_as_far_from_home_as_the_shorter_way_round():
     unknowns = (Unknown("size", 1e-3, reach=0.3), Unknown("phase", 1e-3, -6.3, 6.3, reach=0.3, turns=True))
     model = Model((*unknowns, Unknown("speed", 1e-3, own=True)), lambda values: SliderCrank())
-    leash = _Leash(model, np.array([[1.0, np.pi, 70.0]]))
+    home = np.array([[1.0, np.pi, 70.0]])
+    leash = _Leash(model, home, home)
     assert leash.distance(np.array([[9.0, -np.pi + 0.1, 70.0]])) == pytest.approx([8.0, 0.1, 0.0])
     assert leash.cost(np.array([[1.0, -np.pi, 70.0]])) == pytest.approx(0.0, abs=1e-20)
     np.testing.assert_allclose(

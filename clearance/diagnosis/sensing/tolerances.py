@@ -1,0 +1,105 @@
+"""How far accelerometers may be off, each by itself: what data sheets and mounts leave open."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from clearance.diagnosis.sensing.instrument import FAULTY_CHANNELS, OTHER_AXIS, Instrument
+from clearance.diagnosis.sensing.restoration import STILL
+from clearance.errors import InputError
+
+
+@dataclass(frozen=True)
+class Open:
+    """One thing that one accelerometer may do.
+
+    Attributes:
+        fault: attribute of ``Instrument``.
+        channel: whose.
+        neutral: value of a faultless one.
+        tolerance: distance from it that 95 of 100 keep.
+    """
+
+    fault: str
+    channel: str
+    neutral: float
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Limits that 95 of 100 accelerometers keep; 0: they are exact.
+
+    Attributes:
+        gain: relative error of it [-].
+        misalignment: angle between its axis and the nominal one [deg].
+        delay: time by which it is late or early [s].
+        bias: offset [m/s²].
+
+    Raises:
+        InputError: a number that is negative or too large to be a tolerance.
+    """
+
+    gain: float = 0.0
+    misalignment: float = 0.0
+    delay: float = 0.0
+    bias: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, (most, unit) in _MOST.items():
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= most:
+                raise InputError(
+                    f"tolerances.{name} = {value!r} is not between 0 and {most:g} {unit}; change "
+                    f"tolerances.{name}"
+                )
+
+    @staticmethod
+    def given(content: Mapping[str, Any] | None) -> "Tolerances":
+        """From what a user gave.
+
+        Raises:
+            InputError: a name or number that is none of a tolerance.
+        """
+        unknown = [str(name) for name in content or {} if name not in _MOST]
+        if unknown:
+            raise InputError(f"tolerances: {unknown[0]} is unknown; choose from {', '.join(_MOST)}")
+        return Tolerances(**content) if content else NOTHING_LEFT_OPEN
+
+    def open(self, channels: Sequence[str]) -> tuple[Open, ...]:
+        """What the sensors among some channels may do; an axis alone cannot be turned back.
+
+        Accelerometers, and a recorded crank angle, which may be late as they are: a time by which all of them
+        are late is then its own, and no path has to be moved along all its impacts.
+        """
+        found = []
+        for entry in fields(self):
+            tolerance = float(getattr(self, entry.name))
+            for channel in channels:
+                across = OTHER_AXIS.get(channel, ("", 0.0))[0]
+                turns = entry.name != "misalignment" or across in channels or across in STILL
+                late = entry.name == "delay" and channel == ENCODER
+                if tolerance > 0.0 and (late or (channel in FAULTY_CHANNELS and turns)):
+                    found.append(Open(entry.name, channel, 1.0 if entry.name == "gain" else 0.0, tolerance))
+        return tuple(found)
+
+
+def instrument_of(what: Sequence[Open], values: Iterable[float]) -> Instrument:
+    """Accelerometers that do this."""
+    settings: dict[str, dict[str, float]] = {}
+    for one, value in zip(what, values, strict=True):
+        settings.setdefault(one.fault, {})[one.channel] = float(value)
+    return Instrument(**settings)  # type: ignore[arg-type]
+
+
+def values_of(what: Sequence[Open], instrument: Instrument) -> list[float]:
+    """What accelerometers do; ``instrument_of`` goes back."""
+    return [float(getattr(instrument, one.fault).get(one.channel, one.neutral)) for one in what]
+
+
+HALF = 0.5
+"""Of a tolerance, which 95 of 100 keep: the standard deviation of what it limits."""
+ENCODER = "crank_angle"
+_MOST = {"gain": (0.2, "[-]"), "misalignment": (15.0, "deg"), "delay": (1e-3, "s"), "bias": (100.0, "m/s^2")}
+NOTHING_LEFT_OPEN = Tolerances()
+"""Of exact sensors."""

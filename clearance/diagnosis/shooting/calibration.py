@@ -1,0 +1,111 @@
+"""Fit what accelerometers may do within their tolerances, together with everything else.
+
+Each has a gain, an angle, a delay and an offset of its own, of which the data sheet says no more than a
+limit. They are unknowns of a fit that every recording shares, expected to be off by half their tolerance.
+What a fit knows of its parameters it then knows whatever they are.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from clearance.diagnosis.sensing.instrument import Instrument
+from clearance.diagnosis.sensing.tolerances import HALF, Open, instrument_of, values_of
+from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.model import Model, Unknown
+
+_FURTHEST = 1.5  # tolerances: bound
+_STEP = 1e-2  # of a tolerance, for derivatives
+
+
+class Calibration:
+    """A model with what its accelerometers may do, beside the same without.
+
+    Args:
+        model: without.
+        what: the accelerometers may do.
+
+    Attributes:
+        model: with these unknowns behind the shared ones.
+    """
+
+    def __init__(self, model: Model, what: Sequence[Open]) -> None:
+        self.what, self._shared = tuple(what), model.shared
+        unknowns = tuple(
+            Unknown(
+                f"{one.fault} of {one.channel}", _STEP * one.tolerance,
+                one.neutral - _FURTHEST * one.tolerance, one.neutral + _FURTHEST * one.tolerance,
+                reach=one.tolerance, expected=one.neutral, within=HALF * one.tolerance,
+            )
+            for one in self.what
+        )  # fmt: skip
+        sensing = model.sensing or (False,) * len(model.unknowns)
+        first = self._shared
+        self.model = Model(
+            (*model.unknowns[:first], *unknowns, *model.unknowns[first:]),
+            lambda v: model.machine(self.without(v)),
+            lambda v: self.sensors(v).beside(model.instrument(self.without(v))),
+            (*sensing[:first], *(True for _ in unknowns), *sensing[first:]),
+        )  # fmt: skip
+
+    def sensors(self, row: np.ndarray) -> Instrument:
+        """What the accelerometers do, of a row of values."""
+        return instrument_of(self.what, row[self._shared : self._shared + len(self.what)])
+
+    def beside(self, values: np.ndarray, sensors: Instrument) -> np.ndarray:
+        """(recordings, unknowns) from values without; ``without`` goes back."""
+        known = np.tile(values_of(self.what, sensors), (len(values), 1))
+        return np.concatenate([values[:, : self._shared], known, values[:, self._shared :]], axis=1)
+
+    def without(self, values: np.ndarray) -> np.ndarray:
+        """(…, unknowns) of the model without, from values or rows of the whole."""
+        last = self._shared + len(self.what)
+        return np.concatenate([values[..., : self._shared], values[..., last:]], axis=-1)
+
+    def known(self, information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What is known of the model's parameters and of the accelerometers.
+
+        Args:
+            information: (P, P) of the whole.
+
+        Returns:
+            (P', P') information of the model's parameters, whatever the accelerometers do, and (what,)
+            standard deviations of these.
+        """
+        place = np.arange(len(information))
+        own = (place >= self._shared) & (place < self._shared + len(self.what))
+        whole = information + np.diag(self._expected(len(information)))
+        theirs, between = whole[np.ix_(own, own)], whole[np.ix_(own, ~own)]
+        found = whole[np.ix_(~own, ~own)] - between.T @ np.linalg.solve(theirs, between)
+        return found, np.sqrt(np.maximum(np.diag(np.linalg.pinv(whole))[own], 0.0))
+
+    def _expected(self, parameters: int) -> np.ndarray:
+        weight = np.zeros(parameters)
+        weight[self._shared : self._shared + len(self.what)] = [
+            (HALF * one.tolerance) ** -2.0 for one in self.what
+        ]
+        return weight
+
+
+def calibration_of(followers: Sequence[Follower], model: Model) -> Calibration | None:
+    """What is to be found of the accelerometers of recordings; ``None`` where nothing is left open.
+
+    Nor where unknown forces are: they would take up what an accelerometer does.
+    """
+    measured = followers[0].measured
+    what = measured.tolerances.open(measured.channels)
+    return Calibration(model, what) if what and not any(one.forced for one in followers) else None
+
+
+def as_recorded(followers: Sequence[Follower]) -> Instrument:
+    """Take the recordings as they were made; returns what the accelerometers were found to do."""
+    sensors = followers[0].measured.sensors
+    for follower in followers:
+        follower.measured = follower.measured.as_recorded()
+    return sensors
+
+
+def calibrate(followers: Sequence[Follower], sensors: Instrument) -> None:
+    """Undo in the recordings what the accelerometers were found to do."""
+    for follower in followers:
+        follower.measured = follower.measured.calibrated(sensors)
