@@ -23,6 +23,7 @@ from clearance.commands import command, threads
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import JOINTS, Setting
 from clearance.diagnosis.judging.outcome import Outcome, diagnose
+from clearance.diagnosis.judging.sensors import declared
 from clearance.diagnosis.motion.attempt import Findings
 from clearance.diagnosis.motion.outcome import diagnose as diagnose_motion
 from clearance.diagnosis.motion.recordings import only_motion, tracks_of, uncertain_bounds, zero_is_known
@@ -38,6 +39,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import describe
 from clearance.recording.bounds import listing
 from clearance.recording.correction import corrected
+from clearance.recording.declaration import write_sensors
 from clearance.recording.files import read
 from clearance.recording.position import declared_positions, elsewhere, mounted
 from clearance.recording.recording import Recording
@@ -48,6 +50,8 @@ log = logging.getLogger(__name__)
 
 UNKNOWN = "unknown"
 _MOST = 999  # simulations: some seconds each
+_BESIDE = """What the accelerometers were found to do, on top of what lay beside the recordings.
+As NAME.yaml beside another recording NAME.parquet of theirs it is undone where that is read."""
 _HELD_OUT = 1.0 / 3.0  # of each recording, where no other ones are held out
 
 
@@ -293,6 +297,8 @@ def _write(folder: Path, outcome: Outcome[Explanation] | Outcome[Findings]) -> N
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "diagnosis.json", outcome.diagnosis)
     write_mechanism(folder / "corrected.yaml", outcome.machine, "\n".join(outcome.diagnosis["summary"]))
+    if outcome.diagnosis.get("sensors"):
+        write_sensors(folder / "sensors.yaml", declared(outcome.diagnosis["sensors"]), _BESIDE)
     write_report(folder / "report.html", outcome.diagnosis, outcome.evidence)
     events = EventFileWriter(str(folder))  # of TensorBoard alone: torch takes seconds to be imported
     for row in _tried(outcome.explanation):

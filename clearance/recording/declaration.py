@@ -84,6 +84,13 @@ def read_declaration(recording: Path) -> Declaration:
         raise InputError(f"{path}: {error}") from None
 
 
+def write_sensors(path: Path, sensors: Mapping[str, Mapping[str, float]], comment: str = "") -> None:
+    """Write what sensors do as a YAML that may lie beside their recordings."""
+    lines = [f"# {line}\n" for line in comment.splitlines()]
+    content = {"sensors": {name: dict(entry) for name, entry in sensors.items()}}
+    path.write_text("".join(lines) + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+
 def _load(path: Path) -> Mapping[str, Any]:
     try:
         if path.stat().st_size > _LARGEST:

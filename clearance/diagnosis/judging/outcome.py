@@ -18,6 +18,7 @@ from clearance.diagnosis.judging.evidence import gather_evidence
 from clearance.diagnosis.judging.held_out import ask, judge, speeds_near
 from clearance.diagnosis.judging.mismatch import Innovations, innovations, interval, root_mean_square, summary
 from clearance.diagnosis.judging.play import clearance_of
+from clearance.diagnosis.judging.sensors import calibration_of, largest
 from clearance.diagnosis.judging.true_seconds import machine_of, true_speed
 from clearance.diagnosis.judging.verdict import (
     FITTED,
@@ -157,13 +158,14 @@ def diagnose(
     body, direction = place_of(explanation, after)
     (clearance, rests_on), others = clearance_of(explanation), rivals(verdict, explanation)
     named = effects_of(best, probabilities(explanation), basis) if verdict not in ("none", "unknown") else []
-    here = seen_beside(search, best)
+    here, sensors = seen_beside(search, best), calibration_of(best)
     score = explanation.hints[0].gain if explanation.hints else None
     diagnosis: dict[str, Any] = {
         "verdict": verdict,
         "summary": [
             *sentences(verdict, explanation, joint, fit, channels or list(where["channels"])[:1], after),
             *located(joints),
+            *([largest(sensors)] if sensors and explained(best) else []),
         ],
         "mismatch": {
             "detected": verdict != "none" and not unconfirmed(explanation, after), "score": score,
@@ -176,6 +178,7 @@ def diagnose(
         "equivalent": [[h.name for h in a.hypotheses] for a in others] if len(others) > 1 else [],
         "next_experiment": _next_experiment(others, recordings),
         "free_form": free_form_of(best, setting, explanation.shaken),
+        "sensors": sensors,
         "smallest_seen": here,
         "fit": fit,
         "clearance": {

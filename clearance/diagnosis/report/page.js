@@ -228,6 +228,6 @@ function checks() {
   }
 }
 
-for (const [name, build] of [["head", head], ["where", where], ["what", what], ["how much better", better], ["what else", else_], ["curve", freeForm], ["what could be seen", detectable], ["checks", checks]]) attempt(name, build);
+for (const [name, build] of [["head", head], ["where", where], ["what", what], ["how much better", better], ["what else", else_], ["curve", freeForm], ["what could be seen", detectable], ["sensors", sensors], ["checks", checks]]) attempt(name, build);
 CONTENTS.append(h("a", { href: "#numbers" }, "The numbers"));
 document.documentElement.setAttribute("data-drawn", "");

@@ -22,7 +22,10 @@ import numpy as np
 from clearance.whole_files import write_atomically
 
 # in this order
-SCRIPTS = ("dom.js", "plot.js", "heat.js", "mechanism.js", "force.js", "better.js", "seen.js", "page.js")
+SCRIPTS = (
+    "dom.js", "plot.js", "heat.js", "mechanism.js", "force.js", "better.js", "seen.js", "sensors.js",
+    "page.js",
+)  # fmt: skip
 DIGITS = 8  # of a number in the evidence: log-likelihoods of 1e6 that differ by 0.1 stay apart, half the size
 
 VERDICTS: Mapping[str, str] = {

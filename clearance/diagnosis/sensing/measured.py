@@ -171,7 +171,12 @@ class Measured:
             place = self.channels.index(one.channel)
             across = OTHER_AXIS.get(one.channel, ("", 0.0))[0]
             turned = size[self.channels.index(across)] if across in self.channels else 0.0
-            felt = {"gain": size[place], "misalignment": np.radians(turned), "delay": rate[place], "bias": 1.0}
+            felt = {
+                "gain": size[place],
+                "misalignment": np.radians(turned),
+                "delay": rate[place],
+                "bias": 1.0,
+            }
             off[place] = np.hypot(off[place], HALF * one.tolerance * felt[one.fault])
         raw = self.recorded, self.sigma
         return replace(self, tolerances=tolerances, sigma=np.hypot(self.sigma, off), raw=raw)
@@ -191,9 +196,7 @@ class Measured:
         whole, _ = sensors.correct(plain.recorded, self.channels, self.chain.rate)
         _, sigma, _ = plain.restored(sensors)
         raw = plain.recorded, plain.sigma
-        return replace(
-            self, values=self._cut(whole), recorded=whole, sigma=sigma, sensors=sensors, raw=raw
-        )
+        return replace(self, values=self._cut(whole), recorded=whole, sigma=sigma, sensors=sensors, raw=raw)
 
     def judged(self, sensors: Instrument) -> "Measured":
         """Likewise, and nothing is left open any more: what was held out must not calibrate."""
@@ -205,9 +208,7 @@ class Measured:
             return self
         recorded, sigma = self.raw
         values = self._cut(recorded)
-        return replace(
-            self, values=values, recorded=recorded, sigma=sigma, sensors=NO_FAULT, raw=None
-        )
+        return replace(self, values=values, recorded=recorded, sigma=sigma, sensors=NO_FAULT, raw=None)
 
     def _cut(self, whole: np.ndarray) -> np.ndarray:
         """(segments, samples, channels) of this part."""

@@ -74,17 +74,16 @@ class Calibration:
         """
         place = np.arange(len(information))
         own = (place >= self._shared) & (place < self._shared + len(self.what))
-        whole = information + np.diag(self._expected(len(information)))
-        theirs, between = whole[np.ix_(own, own)], whole[np.ix_(own, ~own)]
-        found = whole[np.ix_(~own, ~own)] - between.T @ np.linalg.solve(theirs, between)
-        return found, np.sqrt(np.maximum(np.diag(np.linalg.pinv(whole))[own], 0.0))
-
-    def _expected(self, parameters: int) -> np.ndarray:
-        weight = np.zeros(parameters)
-        weight[self._shared : self._shared + len(self.what)] = [
-            (HALF * one.tolerance) ** -2.0 for one in self.what
-        ]
-        return weight
+        expected = np.diag([(HALF * one.tolerance) ** -2.0 for one in self.what])
+        theirs, between = information[np.ix_(own, own)] + expected, information[np.ix_(own, ~own)]
+        rest = information[np.ix_(~own, ~own)]
+        scale, other = np.diag(theirs) ** -0.5, np.maximum(np.diag(rest), np.finfo(float).tiny) ** -0.5
+        unit, across = theirs * np.outer(scale, scale), between * np.outer(scale, other)
+        told = np.linalg.solve(unit, across)
+        own_rest = rest * np.outer(other, other)
+        known = own_rest - across.T @ told
+        spread = np.linalg.inv(unit) + told @ np.linalg.pinv(known, hermitian=True) @ told.T
+        return known / np.outer(other, other), scale * np.sqrt(np.maximum(np.diag(spread), 0.0))
 
 
 def calibration_of(followers: Sequence[Follower], model: Model) -> Calibration | None:

@@ -1,0 +1,70 @@
+"""What accelerometers were found to do within their tolerances, for the JSON and for other recordings."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import Attempt
+from clearance.diagnosis.sensing.instrument import OTHER_AXIS
+from clearance.diagnosis.sensing.tolerances import values_of
+
+_QUANTILE = 1.96  # standard deviations of a 95 % interval
+_UNITS = {"gain": "", "misalignment": "deg", "delay": "s", "bias": "m/s^2"}
+_KEYS = {"gain": "gain", "misalignment": "mounting_angle", "delay": "delay", "bias": "bias"}
+
+
+def calibration_of(attempt: Attempt) -> dict[str, dict[str, dict[str, Any]]]:
+    """By channel and key of ``recording.sensors.Sensor``: value, interval, unit; empty where all are exact.
+
+    Delays are counted from the earliest of the sensors: a time by which all are late is nobody's.
+    """
+    measured, doubts = attempt.followers[0].measured, attempt.fit.doubts
+    what = measured.tolerances.open(measured.channels)
+    if not what or doubts is None:
+        return {}
+    values = np.array(values_of(what, attempt.sensors))
+    late = np.array([one.fault == "delay" for one in what])
+    if late.any():
+        values[late] -= values[late].min()
+    found: dict[str, dict[str, dict[str, Any]]] = {}
+    for one, value, doubt in zip(what, values, doubts, strict=True):
+        found.setdefault(one.channel, {})[_KEYS[one.fault]] = {
+            "value": float(value),
+            "low": float(value - _QUANTILE * doubt),
+            "high": float(value + _QUANTILE * doubt),
+            "unit": _UNITS[one.fault],
+            "tolerance": one.tolerance,
+        }
+    return found
+
+
+def declared(calibration: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> dict[str, dict[str, float]]:
+    """Likewise the values alone; an angle is left out that its other axis was not recorded to undo."""
+    return {
+        name: {
+            key: found["value"]
+            for key, found in own.items()
+            if key != "mounting_angle" or OTHER_AXIS[name][0] in calibration
+        }
+        for name, own in calibration.items()
+    }
+
+
+def largest(calibration: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
+    """In words: how far the accelerometers are off."""
+    gains = {name: abs(own["gain"]["value"] - 1.0) for name, own in calibration.items() if "gain" in own}
+    angles = {
+        name: abs(own["mounting_angle"]["value"])
+        for name, own in calibration.items()
+        if "mounting_angle" in own
+    }
+    parts = []
+    if gains:
+        worst = max(gains, key=lambda name: gains[name])
+        parts.append(f"gains are off by up to {gains[worst]:.2%} ({worst})")
+    if angles:
+        worst = max(angles, key=lambda name: angles[name])
+        parts.append(f"axes are turned by up to {angles[worst]:.2g} deg ({worst})")
+    shown = f": {' and '.join(parts)}" if parts else ""
+    return f"The accelerometers were calibrated on the way, each within its tolerance{shown}."
