@@ -13,8 +13,8 @@
 
 `sensors` and `chain` describe: a prediction that is compared with the recording passes through the same
 chain, a `position` (m along the link from its first joint) must be that of the machine or of the training,
-and what can be undone (gain, bias, delay, mounting angle) is undone where a recording is read for `predict`
-and `diagnose` (``correction.py``).
+and what can be undone (gain, bias, delay, mounting angle, a wide bandwidth) is undone where a recording is
+read for `predict` and `diagnose` (``correction.py``).
 """
 
 from collections.abc import Mapping

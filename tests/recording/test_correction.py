@@ -32,6 +32,15 @@ def test_declared_bias_gain_delay_and_mounting_are_taken_out():
     np.testing.assert_allclose(found.values[INSIDE], truth().values[INSIDE], atol=0.05)
 
 
+@pytest.mark.parametrize(("corner", "undone"), [(1e4, True), (3e3, True), (1e3, False)])
+def test_a_wide_bandwidth_is_undone_and_a_narrow_one_stays(corner, undone):
+    declared = {"rod_c_axial": {"bandwidth": corner, "delay": 2.3e-4}}
+    chain = SensorChain({name: Sensor(**entry) for name, entry in declared.items()})
+    measured = chain.apply(truth(metadata={"sensors": declared}), np.random.default_rng(0))
+    error = np.abs(corrected(measured).values - truth().values)[INSIDE].max()
+    assert (error < 0.1) == undone
+
+
 def test_nothing_declared_changes_nothing():
     recording = truth()
     assert corrected(recording) is recording
