@@ -11,7 +11,7 @@ function sensors() {
     const [, scale, unit] = DEEDS[kind], one = dict(found[name])[kind], path = ["sensors", name, kind];
     if (!isNumber(one?.value)) return h("td", { class: "right" }, "–");
     const options = { scale, within: isNumber(one.low) && isNumber(one.high) ? [one.low * scale, one.high * scale] : null };
-    return h("td", { class: "right" }, number([...path, "value"], options), unit, options.within && h("span", { class: "unit nowrap" }, number([...path, "low"], options), "–", number([...path, "high"], options)));
+    return h("td", { class: "right" }, number([...path, "value"], options), unit, options.within && h("span", { class: "unit nowrap" }, number([...path, "low"], options), " to ", number([...path, "high"], options)));
   };
   card(block, "").append(h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "What the sensors do" }, h("table", { class: "sizes" },
     h("thead", {}, h("tr", {}, h("th", {}, "Channel"), kinds.map((kind) => h("th", { class: "right" }, DEEDS[kind][0])))),

@@ -25,6 +25,7 @@ from clearance.diagnosis.hypotheses.missing_force import (
     proportional,
 )
 from clearance.diagnosis.sensing.instrument import Instrument
+from clearance.diagnosis.shooting.calibration import calibration_of, expected
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.stretch import Pass
 from clearance.errors import InputError
@@ -116,16 +117,24 @@ def screen(attempt: Attempt, groups: Sequence[Sequence[Hypothesis]], workers: in
         groups: hypotheses with their trials.
         workers: threads.
     """
-    model, count = attempt.model, len(attempt.model.unknowns)
+    plain, calibration = attempt.model, calibration_of(attempt.followers, attempt.model)
+    model, rows, sensors = plain, attempt.fit.values, attempt.sensors
+    if calibration is not None:  # what sensors may do is free as well
+        model, rows = calibration.model, calibration.beside(rows, sensors)
+    count = len(model.unknowns)
 
     def look(r: int) -> tuple[list[_Column], np.ndarray, np.ndarray]:
-        values = attempt.fit.values[r]
+        values, follower = rows[r], attempt.followers[r]
+        if calibration is not None:
+            follower = follower.part(0, follower.segments)
+            follower.measured = follower.measured.as_recorded()
         machine, instrument = model.machine(values), model.instrument(values)
-        columns = _columns(groups, machine, instrument)
+        columns = _columns(groups, machine, plain.instrument(attempt.fit.values[r]))
         machines, faults = model.columns(values)
-        one = attempt.followers[r].look(
-            machine, [*machines, *(c.machine for c in columns)], instrument,
-            [*faults, *(c.instrument for c in columns)], scale=attempt.scale,
+        seen = [c.instrument if c.instrument is None else sensors.beside(c.instrument) for c in columns]
+        one = follower.look(
+            machine, [*machines, *(c.machine for c in columns)], instrument, [*faults, *seen],
+            scale=attempt.scale,
         ).solve()  # fmt: skip
         # each recording's own unknowns, the last of the model's, are eliminated here
         shared, total = model.shared, count + len(columns)
@@ -142,6 +151,10 @@ def screen(attempt: Attempt, groups: Sequence[Sequence[Hypothesis]], workers: in
         looks = list(pool.map(look, range(len(attempt.followers))))
     gram = np.sum([gram for _, gram, _ in looks], axis=0) * attempt.scale**2
     parts = np.concatenate([_blocks(parts) for _, _, parts in looks]) * attempt.scale**2
+    if calibration is not None:
+        known, pull = expected(model, rows)
+        gram[range(model.shared), range(model.shared)] += known
+        parts = np.vstack([parts, np.pad(pull, (0, parts.shape[1] - model.shared))])
     return Screening(*_rank(looks[0][0], gram, parts, model.shared))
 
 

@@ -86,6 +86,18 @@ class Calibration:
         return known / np.outer(other, other), scale * np.sqrt(np.maximum(np.diag(spread), 0.0))
 
 
+def expected(model: Model, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What is known of a model's shared unknowns before they are fitted: information and score (shared,).
+
+    Both for a change by one step of each, as ``Pass.gram`` has them.
+    """
+    shared = model.unknowns[: model.shared]
+    steps = np.array([model.step(values[0], i) for i in range(len(shared))])
+    weight = np.array([one.within for one in shared]) ** -2.0
+    away = np.array([one.expected for one in shared]) - values[0, : len(shared)]
+    return weight * steps**2, weight * away * steps
+
+
 def calibration_of(followers: Sequence[Follower], model: Model) -> Calibration | None:
     """What is to be found of the accelerometers of recordings; ``None`` where nothing is left open.
 
