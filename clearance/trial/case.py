@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from math import pi
 from typing import Any
 
 from clearance.trial.exudyn_plant import ExudynPlant
@@ -13,6 +14,9 @@ UNNAMED = ("outside", "left_out")
 KNOWN_FRAME = {"frequency": 60.0, "damping_ratio": 0.03, "mass": 20.0}
 """A frame on springs that the tool is told of: some cases stand on it, whatever is missing."""
 _FOR_THE_PLANT = {"contact_stiffness": {"stiffness_scale": "scale"}}
+_KINDS = {name: f"sensor_{name}" for name in ("gain", "misalignment", "delay", "bias")}
+_VALUES = {"gain": "gain", "misalignment": "angle", "delay": "delay", "bias": "bias"}
+_IN_SI = {"misalignment": pi / 180.0}
 _SHARED_NAMES = {"damping_ratio": "damping"}  # a fault's name for it in the plant
 
 
@@ -53,6 +57,8 @@ class Case:
         force: arguments of ``plant.ExtraForce`` with ``of``, a key of ``repertoire.FORCES``; or ``None``.
         without: hypotheses that are taken away from the tool.
         size: 0, 1, 2: small, medium, large.
+        tolerances: within which the accelerometers are off, see ``draw.Scope``; the tool is told.
+        off: channel to what its accelerometer does within these.
     """
 
     name: str
@@ -70,6 +76,8 @@ class Case:
     force: Mapping[str, Any] | None = None
     without: tuple[str, ...] = ()
     size: int = 0
+    tolerances: Mapping[str, float] = field(default_factory=dict)
+    off: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -110,12 +118,18 @@ class Case:
         )  # fmt: skip
 
     def plant_faults(self) -> list[Fault]:
-        """The instruments' faults as the plant's own."""
-        return [_fault(name, dict(values)) for name, values in self.faults.items()]
+        """What the instruments do, as the plant's own faults."""
+        own = [
+            Fault(kind=_KINDS[name], channel=channel, **{_VALUES[name]: _IN_SI.get(name, 1.0) * value})
+            for channel, values in self.off.items()
+            for name, value in values.items()
+        ]
+        return [*own, *(_fault(name, dict(values)) for name, values in self.faults.items())]
 
     def public(self) -> dict[str, Any]:
         """What the tool is told besides the recordings."""
-        return {"joint": self.joint, "known_frame": self.known_frame, "without": list(self.without)}
+        told = {"joint": self.joint, "known_frame": self.known_frame, "without": list(self.without)}
+        return told | ({"tolerances": dict(self.tolerances)} if self.tolerances else {})
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""

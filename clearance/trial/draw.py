@@ -15,6 +15,8 @@ from clearance.trial.repertoire import EFFECTS, FAULTS, FORCES, LEFT_OUT, SENSOR
 Generator = np.random.Generator
 _JITTER = 0.15  # a size is drawn within this share of the repertoire's, so that none is a round number
 _DECOY = 0.15  # of the cases with all their hypotheses needed lose another one: losing one tells nothing
+OFF = {"gain": 0.2, "misalignment": 15.0, "delay": 1e-3, "bias": 100.0}
+"""What an accelerometer may do within its tolerance, and the largest one: [-], deg, s, m/s²."""
 _USUAL = tuple(kind for kind in KINDS if kind != "beam")  # a beam needs Exudyn
 _WHOLE = frozenset({"order", "seed"})
 _LIVE = ("rod_b_transverse", "rod_b_axial", "rod_c_transverse", "rod_c_axial", "slider_horizontal")
@@ -37,6 +39,8 @@ class Scope:
         known_frame: share of the cases that stand on a frame that is known to move, whatever is missing.
         items: of each kind, those that may be missing; all if none is named.
         sizes: 0, 1 or 2, of which each is drawn.
+        tolerances: ``gain`` [-], ``misalignment`` [deg], ``delay`` [s] and ``bias`` [m/s²] within which every
+            accelerometer is off, of which the tool is told the limits; empty: all are exact.
     """
 
     cases: int = 12
@@ -51,6 +55,7 @@ class Scope:
     known_frame: float = 0.1
     items: Sequence[str] = ()
     sizes: Sequence[int] = (0, 1, 2)
+    tolerances: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, least, most in (("cases", 1, 10_000), ("recordings", 1, 8)):
@@ -77,6 +82,13 @@ class Scope:
                 raise InputError(
                     f"{name}: {wrong[0]!r} is unknown; list some of {', '.join(map(str, choices))}; change "
                     f"scope.{name}"
+                )
+        for name, tolerance in self.tolerances.items():
+            if name not in OFF or not 0.0 < tolerance <= OFF[name]:
+                allowed_ones = ", ".join(f"{one} up to {most:g}" for one, most in OFF.items())
+                raise InputError(
+                    f"tolerances.{name} = {tolerance!r}: above 0, choose from {allowed_ones}; change "
+                    "scope.tolerances"
                 )
         limits = (("clearance_range", 1e-6, 2e-3), ("speed_range", 100.0, 3000.0), ("seconds", 0.2, 60.0))
         for name, low, high in limits:
@@ -107,7 +119,10 @@ class Drawing:
         missing = _missing(
             kind, item, size, circumstances, np.random.default_rng([self.seed, 2, index, attempt])
         )
-        return Case(name=f"case_{index + 1:04d}", kind=kind, size=size, **{**circumstances, **missing})
+        limits = dict(self.scope.tolerances)
+        off = _off(limits, circumstances["sensors"], np.random.default_rng([self.seed, 3, index, attempt]))
+        about = {**circumstances, **missing, "tolerances": limits, "off": off}
+        return Case(name=f"case_{index + 1:04d}", kind=kind, size=size, **about)
 
 
 def counts(shares: Mapping[str, float], total: int) -> dict[str, int]:
@@ -158,6 +173,18 @@ def _circumstances(scope: Scope, rng: Generator) -> dict[str, Any]:
         "noise_seed": int(rng.integers(2**31)),
         "sessions": sessions,
         "known_frame": bool(rng.random() < scope.known_frame),
+    }
+
+
+def _off(tolerances: Mapping[str, float], sensors: str, rng: Generator) -> dict[str, dict[str, float]]:
+    """What every accelerometer does: two standard deviations are a tolerance, and none is further off."""
+    neutral = {"gain": 1.0}
+    return {
+        channel: {
+            name: neutral.get(name, 0.0) + limit * float(np.clip(0.5 * rng.normal(), -1.0, 1.0))
+            for name, limit in tolerances.items()
+        }
+        for channel in (SENSORS[sensors] if tolerances else ())
     }
 
 

@@ -77,10 +77,12 @@ class Examiner:
         """The command line for a case."""
         case, told = folder / CASES / name, read_json(folder / CASES / name / CASE, "folder")
         recordings = ",".join(f"'{path.resolve()}'" for path in sorted(case.glob("*.parquet")))
+        limits = told.get("tolerances", {})
         known = ["frame=flexible", *(f"frame.{key}={value}" for key, value in KNOWN_FRAME.items())]
         return [
             *self.program, f"recordings=[{recordings}]", f"joint={told['joint']}",
             *(known if told["known_frame"] else []), f"without=[{','.join(told['without'])}]",
+            *([f"tolerances={{{', '.join(f'{k}: {v}' for k, v in limits.items())}}}"] if limits else []),
             f"hydra.run.dir='{(folder / self.verdicts / name).resolve()}'", *self.arguments,
         ]  # fmt: skip
 

@@ -53,6 +53,34 @@ def test_every_case_is_a_machine_and_round_trips(cases):
         assert Case.from_json(case.to_json()) == case
 
 
+def test_sensors_are_off_within_the_tolerances_that_the_tool_is_told():
+    scope = scope_of("experiment=trial_sensors")
+    drawing = Drawing(scope, 3)
+    several = [drawing.case(i) for i in range(scope.cases)]
+    for case in several:
+        assert set(case.off) == set(SENSORS[case.sensors])
+        assert case.public()["tolerances"] == scope.tolerances
+        assert len(case.plant_faults()) == 4 * len(case.off) + len(case.faults)
+        assert Case.from_json(case.to_json()) == case
+    for name, neutral in (("gain", 1.0), ("misalignment", 0.0), ("delay", 0.0), ("bias", 0.0)):
+        away = [one[name] - neutral for case in several for one in case.off.values()]
+        limit = scope.tolerances[name]
+        assert max(map(abs, away)) <= limit * (1.0 + 1e-12)
+        assert 0.4 * limit < (sum(a * a for a in away) / len(away)) ** 0.5 < 0.55 * limit
+    turned = [fault.angle for fault in several[0].plant_faults() if fault.kind == "sensor_misalignment"]
+    assert 0.0 < max(map(abs, turned)) <= 2.0 * 3.1416 / 180.0  # the plant counts radians
+
+
+def test_exact_sensors_are_drawn_as_if_none_could_be_off(cases):
+    assert all(not case.off and "tolerances" not in case.public() for case in cases)
+
+
+@pytest.mark.parametrize("given", [{"gain": 0.0}, {"gain": 3.0}, {"noise": 0.1}])
+def test_wrong_tolerances_are_refused(given):
+    with pytest.raises(InputError, match=r"change scope.tolerances"):
+        Scope(tolerances=given)
+
+
 def test_a_seed_decides_and_another_attempt_is_of_the_same_kind(cases):
     scope = scope_of("experiment=trial_full")
     again, other = Drawing(scope, 3), Drawing(scope, 4)
