@@ -27,7 +27,7 @@ from clearance.diagnosis.judging.sensors import declared
 from clearance.diagnosis.motion.attempt import Findings
 from clearance.diagnosis.motion.outcome import diagnose as diagnose_motion
 from clearance.diagnosis.motion.recordings import only_motion, tracks_of, uncertain_bounds, zero_is_known
-from clearance.diagnosis.report import write_report
+from clearance.diagnosis.report import plain, write_report
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.significance import ENOUGH
 from clearance.diagnosis.sensing.demonstration import CLEARANCE, demonstration
@@ -92,7 +92,7 @@ def main(cfg: DictConfig) -> None:
     _require_in_place({**recordings, **held_out}, nominal)
 
     def keep(explanation: Explanation | Findings) -> None:
-        write_json(folder / "progress.json", _tried(explanation))
+        write_json(folder / "progress.json", plain(_tried(explanation)))
 
     outcome: Outcome[Explanation] | Outcome[Findings]
     if only_motion([*recordings.values(), *held_out.values()]):
@@ -295,7 +295,7 @@ def _require_in_place(recordings: dict[str, Recording], machine: SliderCrank) ->
 
 def _write(folder: Path, outcome: Outcome[Explanation] | Outcome[Findings]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    write_json(folder / "diagnosis.json", outcome.diagnosis)
+    write_json(folder / "diagnosis.json", plain(outcome.diagnosis))  # a number that nobody knows is null
     write_mechanism(folder / "corrected.yaml", outcome.machine, "\n".join(outcome.diagnosis["summary"]))
     if outcome.diagnosis.get("sensors"):
         write_sensors(folder / "sensors.yaml", declared(outcome.diagnosis["sensors"]), _BESIDE)

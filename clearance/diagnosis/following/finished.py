@@ -192,6 +192,8 @@ class Finished:
             packed[f"{i} sigma"] = follower.input_sigma
             what = measured.tolerances.open(measured.channels)
             packed[f"{i} sensors"] = np.array(values_of(what, measured.sensors))
+            known = np.zeros((0, 0)) if measured.covariance is None else measured.covariance
+            packed[f"{i} known"] = known
             packed[f"{i} clock"] = np.array([measured.clock, measured.period])
             packed[f"{i} fine"] = np.array(follower.integrator == FINE)
         return packed
@@ -205,7 +207,10 @@ class Finished:
             whole = replace(self.recordings[r], clock=clock, period=period)
             what = whole.tolerances.open(whole.channels)
             sensors = instrument_of(what, kept[f"{key}sensors"])
-            measured = whole.calibrated(sensors).part(first, first + len(nodes))
+            known = kept[f"{key}known"] if what and len(kept[f"{key}known"]) else None
+            if known is not None:
+                whole = whole.calibrated(sensors, known)
+            measured = whole.part(first, first + len(nodes))
             integrator = FINE if kept[f"{key}fine"] else COARSE
             follower = Follower(measured, integrator, kept[f"{key}sigma"])
             follower.path = follow.Path(nodes, kept[f"{key}inputs"])

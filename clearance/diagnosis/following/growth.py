@@ -17,7 +17,7 @@ import numpy as np
 from clearance.diagnosis.following.attempt import ANNEALING, FOLLOWED, tightened
 from clearance.diagnosis.following.horizon import AHEAD, advance
 from clearance.diagnosis.following.trace import Trace
-from clearance.diagnosis.shooting.fit import Settled, settle
+from clearance.diagnosis.shooting.fit import Settled, fit, settle
 from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.diagnosis.shooting.model import Model
 
@@ -207,11 +207,13 @@ def _fitted(
     held = settle([follower], model, values, 0, first=first, last=last)
     begin = scale_of(held.level)
     found, reached = None, begin
+    calibrated = bool(follower.measured.tolerances.open(follower.measured.channels))
+    fitted = fit if calibrated else settle
     for scale in [s for s in ANNEALING if s <= begin]:
-        path = follower.path.copy()
-        other = settle([follower], model, values, 5, 2e-2, 1, home=home, first=first, last=last, scale=scale)
+        path, measured = follower.path.copy(), follower.measured
+        other = fitted([follower], model, values, 5, 2e-2, 1, home=home, first=first, last=last, scale=scale)
         if found is not None and other.level * scale**2 > found.level * reached**2:
-            follower.path = path
+            follower.path, follower.measured = path, measured
             break
         found, values, reached = other, other.values, scale
         if other.level > 0.5 * FOLLOWED:

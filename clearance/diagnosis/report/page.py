@@ -57,7 +57,7 @@ def write_report(path: Path, diagnosis: Mapping[str, Any], evidence: Mapping[str
 
 def render_report(diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> str:
     """Return the page as text."""
-    found = _plain(diagnosis)
+    found = plain(diagnosis)
     verdict = found.get("verdict") if found.get("verdict") in VERDICTS else "open"
     lost = verdict == "unknown" and (found.get("mismatch") or {}).get("detected") is False
     badge = VERDICTS["unconfirmed" if lost else str(verdict)]
@@ -78,7 +78,7 @@ def render_report(diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> 
         warnings=_warnings([str(warning) for warning in found.get("warnings") or []]),
         numbers=html.escape(json.dumps(found, indent=2, ensure_ascii=False)),
         diagnosis=_embedded(found),
-        evidence=_embedded(_plain(evidence, DIGITS)),
+        evidence=_embedded(plain(evidence, DIGITS)),
     )
 
 
@@ -105,14 +105,14 @@ def _embedded(content: Any) -> str:
     return text
 
 
-def _plain(content: Any, digits: int | None = None) -> Any:
+def plain(content: Any, digits: int | None = None) -> Any:
     """Plain data for JSON: arrays become lists, NaN and infinity null; floats keep ``digits`` digits."""
     if isinstance(content, Mapping):
-        return {str(key): _plain(value, digits) for key, value in content.items()}
+        return {str(key): plain(value, digits) for key, value in content.items()}
     if isinstance(content, np.ndarray | np.generic):
-        return _plain(content.tolist(), digits)
+        return plain(content.tolist(), digits)
     if isinstance(content, list | tuple):
-        return [_plain(value, digits) for value in content]
+        return [plain(value, digits) for value in content]
     if isinstance(content, float):
         if not math.isfinite(content):
             return None

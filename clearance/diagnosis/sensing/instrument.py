@@ -179,6 +179,17 @@ class Instrument:
         bias = _both(self.bias, other.bias)
         return replace(other, misalignment=angle, delay=late, gain=gain, bias=bias)
 
+    def differing(self, other: "Instrument") -> set[str] | None:
+        """Channels that the other treats differently; ``None``: all, whose clock is another."""
+        if self.timebase != other.timebase:
+            return None
+        found = set[str]()
+        for name in FAULTS:
+            if name != "timebase":
+                one, two = getattr(self, name), getattr(other, name)
+                found |= {c for c in {*one, *two} if c not in one or c not in two or one[c] != two[c]}
+        return found
+
     def apply(
         self, signals: FloatArray, channels: Sequence[str], rate: float, start: float = 0.0
     ) -> FloatArray:

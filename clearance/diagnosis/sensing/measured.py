@@ -29,6 +29,7 @@ _REPEATED, _OUTER, _NEXT = (
 _LEAST, _ADDED = 1e-4, 0.01
 """Shares of a channel's standard deviation: noise below which no sensor made a recording, and the
 noise that is added there, so that errors of the simulator do not pass for something missing."""
+_AROUND = 8  # segments on each side: what undoing a delay or a resonance needs
 _ROUNDED = 4.7  # times the noise of a count: more than its rounding alone shows in third differences
 _NOISE = np.random.default_rng(0).normal(size=(4096, len(Signal)))
 _PACE = {  # power of the clock's unit of time in a channel; 2 for accelerations and torques
@@ -83,6 +84,7 @@ class Measured:
         period: after which something repeats by that clock, and which is followed whole [s]; 0: nothing does.
         tolerances: within which its accelerometers may be off.
         sensors: what they were found to do within these, undone in ``values``, ``recorded`` and ``sigma``.
+        covariance: of that, as ``Tolerances.open`` lists it; what they are not known to do counts as noise.
         raw: ``recorded`` and ``sigma`` before that; ``None`` where nothing was undone.
     """
 
@@ -102,6 +104,7 @@ class Measured:
     period: float = 0.0
     tolerances: Tolerances = NOTHING_LEFT_OPEN
     sensors: Instrument = NO_FAULT
+    covariance: np.ndarray | None = None
     raw: tuple[np.ndarray, np.ndarray] | None = None
 
     @staticmethod
@@ -165,38 +168,50 @@ class Measured:
 
         Until they are calibrated what they may be off by counts as noise.
         """
-        off, still = np.zeros(len(self.channels)), self.recorded - self.recorded.mean(axis=0)
-        size, rate = still.std(axis=0), np.gradient(still, 1.0 / self.chain.rate, axis=0).std(axis=0)
-        for one in tolerances.open(self.channels):
-            place = self.channels.index(one.channel)
-            across = OTHER_AXIS.get(one.channel, ("", 0.0))[0]
-            turned = size[self.channels.index(across)] if across in self.channels else 0.0
+        limits = np.array([one.tolerance for one in tolerances.open(self.channels)])
+        wide = replace(self, tolerances=tolerances)
+        covariance = np.diag((HALF * limits) ** 2)
+        return replace(wide, sigma=wide._doubted(covariance), raw=(self.recorded, self.sigma))
+
+    def _doubted(self, covariance: np.ndarray) -> np.ndarray:
+        """(channels,) noise, with what is not known of the accelerometers: on average over the recording."""
+        what, found = self.tolerances.open(self.channels), self.sigma**2
+        rates = np.gradient(self.recorded, 1.0 / self.chain.rate, axis=0)
+        for place, channel in enumerate(self.channels):
+            own = [i for i, one in enumerate(what) if one.channel == channel]
+            across = OTHER_AXIS.get(channel, ("", 0.0))[0]
+            other = self.recorded[:, self.channels.index(across)] if across in self.channels else 0.0
             felt = {
-                "gain": size[place],
-                "misalignment": np.radians(turned),
-                "delay": rate[place],
-                "bias": 1.0,
-            }
-            off[place] = np.hypot(off[place], HALF * one.tolerance * felt[one.fault])
-        raw = self.recorded, self.sigma
-        return replace(self, tolerances=tolerances, sigma=np.hypot(self.sigma, off), raw=raw)
+                "gain": self.recorded[:, place], "misalignment": np.radians(other), "delay": -rates[:, place]
+            }  # fmt: skip
+            rows = np.ones((len(own), len(rates)))
+            for row, i in enumerate(own):
+                rows[row] = felt.get(what[i].fault, 1.0)
+            found[place] += (covariance[np.ix_(own, own)] * (rows @ rows.T)).sum() / len(rates)
+        return np.sqrt(found)
 
     @property
     def widened(self) -> float:
-        """How much larger its noise is taken than it is, while its accelerometers are not calibrated."""
-        if self.raw is None or self.sensors != NO_FAULT:
-            return 1.0
-        return float((self.sigma / self.raw[1]).max())
+        """How much larger its noise is taken than it is, while its accelerometers are not surely known."""
+        return 1.0 if self.raw is None else float((self.sigma / self.raw[1]).max())
 
-    def calibrated(self, sensors: Instrument) -> "Measured":
-        """The same recording with what its accelerometers were found to do undone, and nothing else."""
+    def calibrated(self, sensors: Instrument, covariance: np.ndarray | None = None) -> "Measured":
+        """The same recording with what its accelerometers were found to do undone, and nothing else.
+
+        Args:
+            sensors: what they do.
+            covariance: of that, as ``Tolerances.open`` lists it; counts as noise.
+        """
         plain = self.as_recorded()
         if sensors == NO_FAULT:
             return plain
         whole, _ = sensors.correct(plain.recorded, self.channels, self.chain.rate)
         _, sigma, _ = plain.restored(sensors)
         raw = plain.recorded, plain.sigma
-        return replace(self, values=self._cut(whole), recorded=whole, sigma=sigma, sensors=sensors, raw=raw)
+        found = replace(self, values=self._cut(whole), recorded=whole, sigma=sigma, sensors=sensors, raw=raw)
+        if covariance is None:
+            return replace(found, covariance=None)
+        return replace(found, sigma=found._doubted(covariance), covariance=covariance)
 
     def judged(self, sensors: Instrument) -> "Measured":
         """Likewise, and nothing is left open any more: what was held out must not calibrate."""
@@ -208,7 +223,14 @@ class Measured:
             return self
         recorded, sigma = self.raw
         values = self._cut(recorded)
-        return replace(self, values=values, recorded=recorded, sigma=sigma, sensors=NO_FAULT, raw=None)
+        known = replace(self, sensors=NO_FAULT, covariance=None, raw=None)
+        return replace(known, values=values, recorded=recorded, sigma=sigma)
+
+    def around(self) -> "Measured":
+        """The same part, of a recording that hardly goes beyond it: there is less to correct."""
+        begin = max(self.first - _AROUND, 0)
+        recorded = self.recorded[begin * SAMPLES : (self.first + len(self.values) + _AROUND) * SAMPLES]
+        return replace(self, recorded=recorded, first=self.first - begin)
 
     def _cut(self, whole: np.ndarray) -> np.ndarray:
         """(segments, samples, channels) of this part."""
@@ -269,6 +291,23 @@ class Measured:
         sigma = self.sigma * quiet.std(axis=0)
         counted = pace(self.signals, instrument)
         return self._cut(whole * counted), sigma * counted, self._cut(known)
+
+    def moved(self, before: Instrument, after: Instrument) -> np.ndarray:
+        """(segments, samples, channels) by which ``restored`` values differ between two instruments.
+
+        Only channels that they treat differently are looked at, and what these mix with.
+        """
+        touched = before.differing(after)
+        if touched is None:
+            return self.restored(after)[0] - self.restored(before)[0]
+        mixed = touched | {OTHER_AXIS[name][0] for name in touched if name in OTHER_AXIS}
+        columns = [i for i, name in enumerate(self.channels) if name in mixed]
+        names, part = [self.channels[i] for i in columns], self.recorded[:, columns]
+        one, other = (faults.correct(part, names, self.chain.rate)[0] for faults in (before, after))
+        counted = pace([self.signals[i] for i in columns], before)
+        change = np.zeros((len(self.recorded), len(self.channels)))
+        change[:, columns] = (other - one) * counted
+        return self._cut(change)
 
     def undone(self, instrument: Instrument) -> "Measured":
         """The same recording as faultless instruments would have made it."""

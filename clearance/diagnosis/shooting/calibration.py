@@ -69,8 +69,8 @@ class Calibration:
             information: (P, P) of the whole.
 
         Returns:
-            (P', P') information of the model's parameters, whatever the accelerometers do, and (what,)
-            standard deviations of these.
+            (P', P') information of the model's parameters, whatever the accelerometers do, and (what, what)
+            covariance of these.
         """
         place = np.arange(len(information))
         own = (place >= self._shared) & (place < self._shared + len(self.what))
@@ -83,7 +83,7 @@ class Calibration:
         own_rest = rest * np.outer(other, other)
         known = own_rest - across.T @ told
         spread = np.linalg.inv(unit) + told @ np.linalg.pinv(known, hermitian=True) @ told.T
-        return known / np.outer(other, other), scale * np.sqrt(np.maximum(np.diag(spread), 0.0))
+        return known / np.outer(other, other), spread * np.outer(scale, scale)
 
 
 def expected(model: Model, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -106,17 +106,3 @@ def calibration_of(followers: Sequence[Follower], model: Model) -> Calibration |
     measured = followers[0].measured
     what = measured.tolerances.open(measured.channels)
     return Calibration(model, what) if what and not any(one.forced for one in followers) else None
-
-
-def as_recorded(followers: Sequence[Follower]) -> Instrument:
-    """Take the recordings as they were made; returns what the accelerometers were found to do."""
-    sensors = followers[0].measured.sensors
-    for follower in followers:
-        follower.measured = follower.measured.as_recorded()
-    return sensors
-
-
-def calibrate(followers: Sequence[Follower], sensors: Instrument) -> None:
-    """Undo in the recordings what the accelerometers were found to do."""
-    for follower in followers:
-        follower.measured = follower.measured.calibrated(sensors)

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from clearance.diagnosis.shooting.calibration import as_recorded, calibrate, calibration_of
+from clearance.diagnosis.shooting.calibration import calibration_of
 from clearance.diagnosis.shooting.follow import Follower, alike
 from clearance.diagnosis.shooting.model import Model
 from clearance.diagnosis.shooting.normal_equations import assemble, flatten, solve_bounded, spread
@@ -152,25 +152,32 @@ def fit(
         found = settle(followers, model, values, iterations, tolerance, workers, **options)
         passes, information = look(model, found.values)
         return Fit(model, found.values, found.cost, passes, information)
-    widened, scale = max(one.measured.widened for one in followers), float(about.get("scale", 1.0))
-    sensors, whole = as_recorded(followers), calibration.model
+    kept, whole = [one.measured for one in followers], calibration.model
+    sensors, scale = kept[0].sensors, float(about.get("scale", 1.0))
+    begun, home = calibration.beside(values, sensors), options.get("home")
+    if home is not None:
+        options = options | {"home": calibration.beside(home, sensors)}
     try:
-        begun = calibration.beside(values, sensors)
-        for coarse in _scales(scale, widened * scale):
+        for follower in followers:
+            follower.measured = follower.measured.as_recorded().around()
+        for coarse in _scales(scale, scale * max(one.widened for one in kept)):
             coarsely = options | {"scale": coarse}
             begun = settle(followers, whole, begun, iterations, _COARSELY, workers, **coarsely).values
         found = settle(followers, whole, begun, iterations, tolerance, workers, **options)
-        information, doubts = calibration.known(look(whole, found.values)[1])
-        sensors = calibration.sensors(found.values[0])
+        information, covariance = calibration.known(look(whole, found.values)[1])
     finally:
-        calibrate(followers, sensors)
-    values = calibration.without(found.values)
+        for follower, measured in zip(followers, kept, strict=True):
+            follower.measured = measured
+    sensors, values = calibration.sensors(found.values[0]), calibration.without(found.values)
+    for follower, measured in zip(followers, kept, strict=True):
+        follower.measured = measured.calibrated(sensors, covariance)
+    doubts = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return Fit(model, values, found.cost, look(model, values)[0], information, doubts)
 
 
 def _scales(finest: float, coarsest: float) -> list[float]:
     """Factors on the noise from a coarse one down to, but not including, the finest."""
-    steps = int(np.ceil(np.log(max(coarsest / finest, 1.0)) / np.log(_CLOSER)))
+    steps = int(np.ceil(np.log(max(coarsest / finest, 1.0)) / np.log(_CLOSER) - _ALIKE))
     return [finest * _CLOSER**step for step in range(steps, 0, -1)]
 
 
@@ -363,6 +370,7 @@ def _harmed(before: Comparison, after: Comparison) -> np.ndarray:
 
 
 _CLOSER = np.sqrt(10.0)  # times as large is the scale of the noise before
+_ALIKE = 0.1  # of such a step: scales that differ by less are one
 _COARSELY = 1e-2  # share of the cost whose fall ends a coarse fit
 _SETTLING = ("report", "goal", "tries", "home")  # what only ``settle`` wants to know
 _QUIET, _QUIET_MEAN = 0.9, 0.975  # share of segments, and what they cost where all cost 1 on average

@@ -160,10 +160,9 @@ class Follower:
         if any(fault is not None for fault in faults):
             # a fault changes what is predicted: undoing it on the noise as well would reward a smaller noise
             clean = self.measured.less(first, seen.values - seen.predicted, instrument)
-            base, *_ = clean.restored(instrument)
             for i, fault in enumerate(faults):
                 if fault is not None:
-                    shared[:, 1, :, :, i] -= (clean.restored(fault)[0] - base)[first:last]
+                    shared[:, 1, :, :, i] -= clean.moved(instrument, fault)[first:last]
         weight = 1.0 / (self.measured.restored(instrument)[1] * scale)
         jacobian *= weight[:, None]
         shared *= weight[:, None]

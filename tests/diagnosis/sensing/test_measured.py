@@ -223,3 +223,24 @@ def test_too_short_a_recording_is_refused():
     assert len(Measured.of(recording(least), CHAIN, "one").values) == 2 * REACH + 8
     with pytest.raises(InputError, match=f"one: {least - 1} samples.*at least {least}"):
         Measured.of(recording(least - 1), CHAIN, "one")
+
+
+@pytest.mark.parametrize(
+    ("fault", "value", "channel"),
+    [
+        ("gain", 1.1, "rod_b_axial"),
+        ("misalignment", 3.0, "rod_b_transverse"),
+        ("delay", 3e-5, "rod_b_axial"),
+        ("bias", 2.0, "rod_b_transverse"),
+        ("timebase", 0.01, None),
+    ],
+)
+def test_what_moves_between_two_instruments_is_the_difference_of_what_they_restore(fault, value, channel):
+    names = ("rod_b_transverse", "rod_b_axial", "slider_horizontal")
+    values = np.random.default_rng(0).normal(size=(40 * SAMPLES, 3)).cumsum(axis=0)
+    one = Measured.of(Recording(values, names, CHAIN.rate), CHAIN, "one").part(5, 30)
+    before = Instrument(gain={"rod_b_axial": 1.02}, delay={"slider_horizontal": 2e-5})
+    after = before.changed(fault, value, channel)
+    expected = one.restored(after)[0] - one.restored(before)[0]
+    np.testing.assert_array_equal(one.moved(before, after), expected)
+    assert not one.moved(before, before).any()

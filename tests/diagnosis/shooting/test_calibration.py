@@ -78,7 +78,7 @@ def test_what_is_known_of_the_rest_is_what_is_left_when_sensors_are_found_too():
     root = rng.normal(size=(8, 4))
     scale = np.array([1e6, 1e2, 1e3, 1e-2])  # of clearance, two gains and a speed
     information = (root.T @ root) * np.outer(scale, scale)
-    found, doubts = calibration.known(information)
+    found, covariance = calibration.known(information)
     whole = np.linalg.inv(information + np.diag([0.0, 1e4, 1e4, 0.0]))
     np.testing.assert_allclose(np.linalg.inv(found), whole[np.ix_([0, 3], [0, 3])], rtol=1e-8)
-    np.testing.assert_allclose(doubts, np.sqrt(np.diag(whole)[1:3]), rtol=1e-8)
+    np.testing.assert_allclose(covariance, whole[1:3, 1:3], rtol=1e-8)
