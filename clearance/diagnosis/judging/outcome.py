@@ -18,7 +18,7 @@ from clearance.diagnosis.judging.evidence import gather_evidence
 from clearance.diagnosis.judging.held_out import ask, judge, speeds_near
 from clearance.diagnosis.judging.mismatch import Innovations, innovations, interval, root_mean_square, summary
 from clearance.diagnosis.judging.play import clearance_of
-from clearance.diagnosis.judging.sensors import calibration_of, largest
+from clearance.diagnosis.judging.sensors import advice, calibration_of, largest
 from clearance.diagnosis.judging.true_seconds import machine_of, true_speed
 from clearance.diagnosis.judging.verdict import (
     FITTED,
@@ -228,6 +228,9 @@ def diagnose(
             ),
             *(
                 [f"Not everything was tried: {stopped}."] if stopped else []
+            ),
+            *(
+                advice(recordings) if verdict == "unknown" and not explained(best) else []
             ),
         ],
         "seconds": round(time.monotonic() - started, 1),

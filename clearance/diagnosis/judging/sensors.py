@@ -1,14 +1,16 @@
 """What accelerometers were found to do within their tolerances, for the JSON and for other recordings."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt
 from clearance.diagnosis.sensing.instrument import OTHER_AXIS
-from clearance.diagnosis.sensing.tolerances import values_of
+from clearance.diagnosis.sensing.measured import Measured
+from clearance.diagnosis.sensing.tolerances import NOTHING_LEFT_OPEN, values_of
 
+_QUIET = 5e-3  # of the signal: noise below which errors of gain and mount stand out
 _QUANTILE = 1.96  # standard deviations of a 95 % interval
 _UNITS = {"gain": "", "misalignment": "deg", "delay": "s", "bias": "m/s^2"}
 _KEYS = {"gain": "gain", "misalignment": "mounting_angle", "delay": "delay", "bias": "bias"}
@@ -37,6 +39,18 @@ def calibration_of(attempt: Attempt) -> dict[str, dict[str, dict[str, Any]]]:
             "tolerance": one.tolerance,
         }
     return found
+
+
+def advice(recordings: Sequence[Measured]) -> list[str]:
+    """What to try where nothing explains recordings of little noise, whose sensors were taken for exact."""
+    quiet = [np.median(one.sigma[: one.filtered] / one.size[: one.filtered]) < _QUIET for one in recordings]
+    if not all(quiet) or recordings[0].tolerances != NOTHING_LEFT_OPEN:
+        return []
+    return [
+        "The accelerometers were taken for exact, and their noise is low. Real ones are all off by a per cent "
+        "or two and a degree or two: say how far, as in tolerances={gain: 0.02, misalignment: 2, delay: "
+        "4.0e-5, bias: 4}."
+    ]
 
 
 def declared(calibration: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> dict[str, dict[str, float]]:

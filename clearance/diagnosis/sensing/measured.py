@@ -315,6 +315,12 @@ class Measured:
         return replace(self, values=values, sigma=sigma)
 
     @property
+    def size(self) -> np.ndarray:
+        """(channels,) standard deviations of what was recorded."""
+        found: np.ndarray = self.recorded.std(axis=0)
+        return found
+
+    @property
     def clipped(self) -> np.ndarray:
         """(segments, samples, channels) whether a value was recorded at its sensor's limit."""
         recorded = self.recorded if self.raw is None else self.raw[0]
