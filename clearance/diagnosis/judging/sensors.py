@@ -47,9 +47,9 @@ def advice(recordings: Sequence[Measured]) -> list[str]:
     if not all(quiet) or recordings[0].tolerances != NOTHING_LEFT_OPEN:
         return []
     return [
-        "The accelerometers were taken for exact, and their noise is low. Real ones are all off by a per cent "
-        "or two and a degree or two: say how far, as in tolerances={gain: 0.02, misalignment: 2, delay: "
-        "4.0e-5, bias: 4}."
+        "The accelerometers were taken for exact, and their noise is low. Real ones are all off by a per "
+        "cent or two and a degree or two: say how far, as in tolerances={gain: 0.02, misalignment: 2, "
+        "delay: 4.0e-5, bias: 4}."
     ]
 
 

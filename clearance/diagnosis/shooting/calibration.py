@@ -75,6 +75,8 @@ class Calibration:
         place = np.arange(len(information))
         own = (place >= self._shared) & (place < self._shared + len(self.what))
         expected = np.diag([(HALF * one.tolerance) ** -2.0 for one in self.what])
+        if not np.isfinite(information).all():  # a segment that does not run tells nothing of them
+            return information[np.ix_(~own, ~own)], np.linalg.inv(expected)
         theirs, between = information[np.ix_(own, own)] + expected, information[np.ix_(own, ~own)]
         rest = information[np.ix_(~own, ~own)]
         scale, other = np.diag(theirs) ** -0.5, np.maximum(np.diag(rest), np.finfo(float).tiny) ** -0.5

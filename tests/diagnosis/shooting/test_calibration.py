@@ -82,3 +82,12 @@ def test_what_is_known_of_the_rest_is_what_is_left_when_sensors_are_found_too():
     whole = np.linalg.inv(information + np.diag([0.0, 1e4, 1e4, 0.0]))
     np.testing.assert_allclose(np.linalg.inv(found), whole[np.ix_([0, 3], [0, 3])], rtol=1e-8)
     np.testing.assert_allclose(covariance, whole[1:3, 1:3], rtol=1e-8)
+
+
+def test_where_a_segment_does_not_run_no_more_is_known_than_before():
+    what = TOLERANCES.open(follower().measured.channels)
+    calibration = Calibration(MODEL, what)
+    information = np.full((2 + len(what),) * 2, np.nan)
+    found, covariance = calibration.known(information)
+    assert np.isnan(found).all()
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [HALF * one.tolerance for one in what])
