@@ -294,6 +294,13 @@ def test_faults_of_the_instruments():
         faulty("sensor_misalignment", "rod_c_transverse", angle=0.1), transverse, atol=1e-9
     )
     np.testing.assert_allclose(faulty("sensor_delay", delay=3e-4)[3:], clean[name][:-3])
+    # a turned sensor is as late in what it feels of the other axis, whatever that one's sensor does
+    both = [
+        Fault(kind="sensor_misalignment", channel=name, angle=0.1),
+        Fault(kind="sensor_delay", channel=name, delay=3e-4),
+    ]
+    other = Fault(kind="sensor_delay", channel="rod_c_transverse", delay=1e-4)
+    np.testing.assert_allclose(record(faults=[*both, other])[name][3:], axial[:-3])
     # a stiff resonance is a delay of 2 damping / w0 (and the sampled line's half a step of nothing)
     stiff = faulty("sensor_resonance", frequency=12e3, damping=0.6)
     late = faulty("sensor_delay", delay=1.2 / (2 * np.pi * 12e3))

@@ -27,8 +27,8 @@ def calibration_of(attempt: Attempt) -> dict[str, dict[str, dict[str, Any]]]:
         return {}
     values = np.array(values_of(what, attempt.sensors))
     late = np.array([one.fault == "delay" for one in what])
-    if late.any():
-        values[late] -= values[late].min()
+    earliest = min(float(values[late].min()), 0.0) if late.any() else 0.0
+    values[late] -= earliest
     found: dict[str, dict[str, dict[str, Any]]] = {}
     for one, value, doubt in zip(what, values, doubts, strict=True):
         found.setdefault(one.channel, {})[_KEYS[one.fault]] = {
@@ -38,6 +38,10 @@ def calibration_of(attempt: Attempt) -> dict[str, dict[str, dict[str, Any]]]:
             "unit": _UNITS[one.fault],
             "tolerance": one.tolerance,
         }
+    if late.any():
+        first = measured.tolerances.reference(measured.channels)
+        own = {"value": -earliest, "low": -earliest, "high": -earliest, "unit": "s", "tolerance": 0.0}
+        found.setdefault(first, {})["delay"] = own
     return found
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from math import sqrt
 from typing import Any
 
 from clearance.diagnosis.sensing.instrument import FAULTY_CHANNELS, OTHER_AXIS, Instrument
@@ -67,21 +68,34 @@ class Tolerances:
         return Tolerances(**content) if content else NOTHING_LEFT_OPEN
 
     def open(self, channels: Sequence[str]) -> tuple[Open, ...]:
-        """What the sensors among some channels may do; an axis alone cannot be turned back.
+        """What the accelerometers among some channels may do; an axis alone cannot be turned back.
 
-        Accelerometers, and a recorded crank angle, which may be late as they are: a time by which all of them
-        are late is then its own, and no path has to be moved along all its impacts.
+        A time by which all of them are late is a path's that begins later. So delays are counted from a
+        recorded crank angle, and where there is none from one accelerometer's, the others then being twice as
+        uncertain (variance).
         """
         found = []
+        heard = [channel for channel in channels if channel in FAULTY_CHANNELS]
+        reference = None if ENCODER in channels else self.reference(channels)
         for entry in fields(self):
-            tolerance = float(getattr(self, entry.name))
-            for channel in channels:
+            tolerance, late = float(getattr(self, entry.name)), entry.name == "delay"
+            for channel in heard if tolerance > 0.0 else ():
                 across = OTHER_AXIS.get(channel, ("", 0.0))[0]
-                turns = entry.name != "misalignment" or across in channels or across in STILL
-                late = entry.name == "delay" and channel == ENCODER
-                if tolerance > 0.0 and (late or (channel in FAULTY_CHANNELS and turns)):
-                    found.append(Open(entry.name, channel, 1.0 if entry.name == "gain" else 0.0, tolerance))
+                if entry.name == "misalignment" and across not in channels and across not in STILL:
+                    continue
+                if late and channel == reference:
+                    continue
+                wide = sqrt(2.0) if late and reference is not None else 1.0
+                neutral = 1.0 if entry.name == "gain" else 0.0
+                found.append(Open(entry.name, channel, neutral, wide * tolerance))
         return tuple(found)
+
+    @staticmethod
+    def reference(channels: Sequence[str]) -> str:
+        """The sensor from which delays are counted: the crank's angle, or an accelerometer that moves."""
+        heard = [channel for channel in channels if channel in FAULTY_CHANNELS]
+        moving = [channel for channel in heard if channel not in STILL]
+        return ENCODER if ENCODER in channels else (moving or heard)[0]
 
 
 def instrument_of(what: Sequence[Open], values: Iterable[float]) -> Instrument:

@@ -4,8 +4,9 @@ Order: resonance of the sensor at the base rate, filter, sampling (late by the d
 rate), misalignment, gain, noise, bias, saturation.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import cos, pi, sin
 
 import numpy as np
@@ -152,18 +153,18 @@ def measure(
     for fault in faults:
         if fault.kind == "sensor_delay":
             late[fault.channel] += fault.delay
-    sampled = {
-        name: _sample(
-            raw[:, index] if name == "crank_angle" else smooth[:, index], base_rate, times - late[name]
-        )
-        for index, name in enumerate(CHANNELS)
-    }
-    spread = {name: float(np.std(sampled[name])) for name in ACCELERATIONS}
+
+    @cache
+    def sampled(name: str, lateness: float) -> FloatArray:
+        column = (raw if name == "crank_angle" else smooth)[:, CHANNELS.index(name)]
+        return _sample(column, base_rate, times - lateness)
+
+    spread = {name: float(np.std(sampled(name, late[name]))) for name in ACCELERATIONS}
     still = _STILL * max(spread.values())
     floor = NOISE_FLOOR * min((value for value in spread.values() if value > still), default=0.0)
     table = {"time": np.arange(count) / rate}
     for name in channels:
-        values = _mount(name, sampled, faults)
+        values = _mount(name, late[name], sampled, faults)
         for fault in faults:
             if fault.channel == name:
                 values = fault.gain * values
@@ -194,15 +195,17 @@ def _sample(values: FloatArray, base_rate: float, times: FloatArray) -> FloatArr
     return make_interp_spline(np.arange(len(values)), values, k=5)(position)
 
 
-def _mount(name: str, sampled: dict[str, FloatArray], faults: Sequence[Fault]) -> FloatArray:
-    """What a turned sensor feels: its own axis and, in part, the other one of the same place."""
+def _mount(
+    name: str, late: float, sampled: Callable[[str, float], FloatArray], faults: Sequence[Fault]
+) -> FloatArray:
+    """What a turned sensor feels: its own axis and, in part, the other one of its place, both as late."""
     angle = sum(fault.angle for fault in faults if fault.channel == name)
     if angle == 0.0:
-        return sampled[name]
+        return sampled(name, late)
     index = ACCELERATIONS.index(name)
     # an axial sensor turns towards the transverse axis, a transverse one away from the axial axis
     other, sign = (ACCELERATIONS[index + 1], -1.0) if index % 2 == 0 else (ACCELERATIONS[index - 1], 1.0)
-    return cos(angle) * sampled[name] + sign * sin(angle) * sampled[other]
+    return cos(angle) * sampled(name, late) + sign * sin(angle) * sampled(other, late)
 
 
 def _encode(angle: FloatArray, counts: int | None) -> FloatArray:
