@@ -126,8 +126,8 @@ def _signatures(
         for node, speed, one, f in zip(starts, speeds, held_out, after.followers, strict=True)
     ]
     return signatures(
-        held_out, speeds, angles, machines(nominal, before), machines(best, after),
-        best.model.instrument(best.fit.values[0]), workers,
+        [one.judged(best.sensors) for one in held_out], speeds, angles,
+        machines(nominal, before), machines(best, after), best.model.instrument(best.fit.values[0]), workers,
     )  # fmt: skip
 
 
@@ -190,11 +190,11 @@ def _overlays(before: Attempt, after: Attempt) -> list[dict[str, Any]]:
     one, two = before.fit.passes[0], after.fit.passes[0]
     measured = after.followers[0].measured
     n = min(_SHOWN // 10, len(two.predicted), len(one.predicted))
-    shift = measured.values[:n]
+    shift, recorded = measured.values[:n], measured.as_recorded().values[:n]
+    others = before.followers[0].measured.as_recorded().values[:n]
     seen = measured.seen(two.predicted, after.model.instrument(after.fit.values[0]))
     for i, channel in enumerate(measured.channels):
-        same = before.followers[0].measured.values[:n, :, i]
-        aligned = same.shape == shift[..., i].shape and bool(np.allclose(same, shift[..., i]))
+        aligned = others.shape == recorded.shape and bool(np.allclose(others[..., i], recorded[..., i]))
         found.append(
             {
                 "channel": channel, "unit": "m/s²" if measured.signals[i] < 10 else "",
