@@ -32,7 +32,7 @@ from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.significance import ENOUGH
 from clearance.diagnosis.sensing.demonstration import CLEARANCE, demonstration
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured, chain_of, segments_before
-from clearance.diagnosis.sensing.tolerances import Tolerances
+from clearance.diagnosis.sensing.tolerances import NOTHING_LEFT_OPEN, Tolerances
 from clearance.errors import InputError
 from clearance.mechanism.description import write_mechanism
 from clearance.mechanism.slider_crank import SliderCrank
@@ -50,7 +50,7 @@ log = logging.getLogger(__name__)
 
 UNKNOWN = "unknown"
 _MOST = 999  # simulations: some seconds each
-_BESIDE = """What the accelerometers were found to do, on top of what lay beside the recordings.
+_BESIDE = """What the accelerometers were found to do.
 As NAME.yaml beside another recording NAME.parquet of theirs it is undone where that is read."""
 _HELD_OUT = 1.0 / 3.0  # of each recording, where no other ones are held out
 
@@ -80,6 +80,12 @@ def main(cfg: DictConfig) -> None:
         raise InputError(f"most_effects = {most!r} is not a whole number from 1 to 3; change most_effects")
     limit, finished = _time_limit(cfg.time_limit), _finished(cfg.finished)
     simulations = _simulations(cfg.simulations)
+    tolerances = _tolerances(cfg.tolerances)
+    if simulations and tolerances != NOTHING_LEFT_OPEN:
+        raise InputError(
+            f"simulations = {simulations}: only machines whose accelerometers are exact are simulated; "
+            "simulations=0, or tolerances=null"
+        )
     workers = threads(cfg.workers) or os.cpu_count() or 1
     judging = _files("held_out", cfg.held_out)
     fitting = _files("recordings", cfg.recordings, judging)
@@ -106,6 +112,10 @@ def main(cfg: DictConfig) -> None:
                 f"simulations = {simulations}: only a diagnosis by accelerations is calibrated so, and these "
                 "recordings have none; simulations=0"
             )
+        if tolerances != NOTHING_LEFT_OPEN:
+            raise InputError(
+                f"tolerances = {cfg.tolerances}: these recordings have no accelerometers; tolerances=null"
+            )
         outcome = diagnose_motion(
             *tracks_of(recordings, held_out),
             settings[0],
@@ -123,13 +133,14 @@ def main(cfg: DictConfig) -> None:
         if not recordings:
             log.info("no recordings given: a demonstration on a simulated machine with friction on its guide")
         recordings = recordings or demonstration(settings[0].with_clearance(CLEARANCE))
-        fitted, judged = _load(recordings, held_out, channels, _tolerances(cfg.tolerances))
+        fitted, judged = _load(recordings, held_out, channels, tolerances)
         outcome = diagnose(
             fitted, judged, settings, effects, (low, high), workers, most, log.info, keep,
             limit, finished, simulations,
         )  # fmt: skip
         outcome.diagnosis["warnings"][:0] = _unshared({**recordings, **held_out}, channels)
-    _write(folder, outcome)
+    told = any(one.metadata.get("sensors") for one in (*recordings.values(), *held_out.values()))
+    _write(folder, outcome, told)
     lines = [*outcome.diagnosis["summary"], *outcome.diagnosis["warnings"]]
     sys.stdout.write("\n" + "\n".join(lines) + "\n")
     log.info("verdict: %s; written to %s", outcome.diagnosis["verdict"], folder)
@@ -293,11 +304,14 @@ def _require_in_place(recordings: dict[str, Recording], machine: SliderCrank) ->
             )
 
 
-def _write(folder: Path, outcome: Outcome[Explanation] | Outcome[Findings]) -> None:
+def _write(
+    folder: Path, outcome: Outcome[Explanation] | Outcome[Findings], declared_before: bool = False
+) -> None:
+    """Write what was found; what sensors do on top of what was declared is no declaration by itself."""
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "diagnosis.json", plain(outcome.diagnosis))  # a number that nobody knows is null
     write_mechanism(folder / "corrected.yaml", outcome.machine, "\n".join(outcome.diagnosis["summary"]))
-    if outcome.diagnosis.get("sensors"):
+    if outcome.diagnosis.get("sensors") and not declared_before:
         write_sensors(folder / "sensors.yaml", declared(outcome.diagnosis["sensors"]), _BESIDE)
     write_report(folder / "report.html", outcome.diagnosis, outcome.evidence)
     events = EventFileWriter(str(folder))  # of TensorBoard alone: torch takes seconds to be imported

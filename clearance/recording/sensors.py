@@ -49,7 +49,8 @@ class Sensor:
         mounting_angle: angle from the nominal axis to the sensor's, positive counter-clockwise [deg], -180 to
             180.
         bandwidth: corner frequency (-3 dB) of a first-order low-pass [Hz], at most 1e7; None: unlimited.
-        delay: time by which the output is late [s], 0 to 1; any fraction of a sample.
+        delay: time by which the output is late [s], -0.01 (early, beside others) to 1; any fraction of a
+            sample.
         saturation: the output stays within ± this value [unit of the channel]; None: unlimited.
         resolution: step of the output [unit of the channel], rounded to the nearest; 0: continuous. An
             encoder with 4096 counts a turn has 2π/4096.
@@ -81,7 +82,7 @@ _LIMITS: Mapping[str, tuple[float, float, str]] = {
     "noise_density": (0.0, 1e6, ""),
     "mounting_angle": (-180.0, 180.0, "deg"),
     "bandwidth": (1e-3, 1e7, "Hz"),
-    "delay": (0.0, 1.0, "s"),
+    "delay": (-0.01, 1.0, "s"),
     "saturation": (1e-9, 1e9, ""),
     "resolution": (0.0, 1e6, ""),
 }

@@ -84,7 +84,8 @@ class Scope:
                     f"scope.{name}"
                 )
         for name, tolerance in self.tolerances.items():
-            if name not in OFF or not 0.0 < tolerance <= OFF[name]:
+            number = isinstance(tolerance, int | float) and not isinstance(tolerance, bool)
+            if name not in OFF or not number or not 0.0 < tolerance <= OFF[name]:
                 allowed_ones = ", ".join(f"{one} up to {most:g}" for one, most in OFF.items())
                 raise InputError(
                     f"tolerances.{name} = {tolerance!r}: above 0, choose from {allowed_ones}; change "

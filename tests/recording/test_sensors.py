@@ -163,7 +163,7 @@ def test_the_default_is_for_accelerations_and_names_override_it():
         ({"noise": -0.1}, "noise: -0.1 .* from 0 to 10"),
         ({"noise": float("nan")}, "noise"),
         ({"bandwidth": 0.0}, "bandwidth: 0 Hz is out of range"),
-        ({"delay": -1e-3}, "delay"),
+        ({"delay": -0.1}, "delay"),
         ({"delay": 2.0}, "delay: 2 s is out of range"),
         ({"mounting_angle": 200.0}, "mounting_angle: 200 deg"),
         ({"saturation": 0.0}, "saturation"),

@@ -75,7 +75,7 @@ def test_exact_sensors_are_drawn_as_if_none_could_be_off(cases):
     assert all(not case.off and "tolerances" not in case.public() for case in cases)
 
 
-@pytest.mark.parametrize("given", [{"gain": 0.0}, {"gain": 3.0}, {"noise": 0.1}])
+@pytest.mark.parametrize("given", [{"gain": 0.0}, {"gain": 3.0}, {"gain": "a bit"}, {"noise": 0.1}])
 def test_wrong_tolerances_are_refused(given):
     with pytest.raises(InputError, match=r"change scope.tolerances"):
         Scope(tolerances=given)

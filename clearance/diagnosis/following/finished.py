@@ -24,7 +24,7 @@ from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.kinematics.agreement import Alignment, Profile
 from clearance.diagnosis.kinematics.reconstruction import Reconstruction
-from clearance.diagnosis.sensing.measured import Measured
+from clearance.diagnosis.sensing.measured import NO_FAULT, Measured
 from clearance.diagnosis.sensing.tolerances import instrument_of, values_of
 from clearance.diagnosis.shooting import follow
 from clearance.diagnosis.shooting.fit import fit
@@ -190,10 +190,11 @@ class Finished:
             packed[f"{i} place"] = np.array([r, measured.first - self.recordings[r].first])
             packed[f"{i} nodes"], packed[f"{i} inputs"] = follower.path.nodes, follower.path.inputs
             packed[f"{i} sigma"] = follower.input_sigma
-            what = measured.tolerances.open(measured.channels)
-            packed[f"{i} sensors"] = np.array(values_of(what, measured.sensors))
-            known = np.zeros((0, 0)) if measured.covariance is None else measured.covariance
-            packed[f"{i} known"] = known
+            if measured.sensors != NO_FAULT:
+                what = measured.tolerances.open(measured.channels)
+                packed[f"{i} sensors"] = np.array(values_of(what, measured.sensors))
+                if measured.covariance is not None:
+                    packed[f"{i} covariance"] = measured.covariance
             packed[f"{i} clock"] = np.array([measured.clock, measured.period])
             packed[f"{i} fine"] = np.array(follower.integrator == FINE)
         return packed
@@ -205,11 +206,10 @@ class Finished:
             nodes = kept[f"{key}nodes"]
             clock, period = map(float, kept[f"{key}clock"])
             whole = replace(self.recordings[r], clock=clock, period=period)
-            what = whole.tolerances.open(whole.channels)
-            sensors = instrument_of(what, kept[f"{key}sensors"])
-            known = kept[f"{key}known"] if what and len(kept[f"{key}known"]) else None
-            if known is not None:
-                whole = whole.calibrated(sensors, known)
+            if f"{key}sensors" in kept:
+                what = whole.tolerances.open(whole.channels)
+                sensors = instrument_of(what, kept[f"{key}sensors"])
+                whole = whole.calibrated(sensors, kept.get(f"{key}covariance"))
             measured = whole.part(first, first + len(nodes))
             integrator = FINE if kept[f"{key}fine"] else COARSE
             follower = Follower(measured, integrator, kept[f"{key}sigma"])

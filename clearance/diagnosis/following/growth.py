@@ -17,7 +17,7 @@ import numpy as np
 from clearance.diagnosis.following.attempt import ANNEALING, FOLLOWED, tightened
 from clearance.diagnosis.following.horizon import AHEAD, advance
 from clearance.diagnosis.following.trace import Trace
-from clearance.diagnosis.shooting.fit import Settled, fit, settle
+from clearance.diagnosis.shooting.fit import Fit, Settled, fit, settle
 from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.diagnosis.shooting.model import Model
 
@@ -215,6 +215,8 @@ def _fitted(
         if found is not None and other.level * scale**2 > found.level * reached**2:
             follower.path, follower.measured = path, measured
             break
+        if isinstance(other, Fit):  # what it left open counts as noise in the steps that follow
+            follower.measured = follower.measured.calibrated(follower.measured.sensors, other.covariance)
         found, values, reached = other, other.values, scale
         if other.level > 0.5 * FOLLOWED:
             break

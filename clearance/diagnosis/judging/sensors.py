@@ -19,16 +19,13 @@ _KEYS = {"gain": "gain", "misalignment": "mounting_angle", "delay": "delay", "bi
 def calibration_of(attempt: Attempt) -> dict[str, dict[str, dict[str, Any]]]:
     """By channel and key of ``recording.sensors.Sensor``: value, interval, unit; empty where all are exact.
 
-    Delays are counted from the earliest of the sensors: a time by which all are late is nobody's.
+    Delays are counted from the crank's angle, or from the accelerometer that has none here.
     """
-    measured, doubts = attempt.followers[0].measured, attempt.fit.doubts
-    what = measured.tolerances.open(measured.channels)
-    if not what or doubts is None:
+    measured, covariance = attempt.followers[0].measured, attempt.fit.covariance
+    if covariance is None:
         return {}
-    values = np.array(values_of(what, attempt.sensors))
-    late = np.array([one.fault == "delay" for one in what])
-    earliest = min(float(values[late].min()), 0.0) if late.any() else 0.0
-    values[late] -= earliest
+    what = measured.tolerances.open(measured.channels)
+    values, doubts = values_of(what, attempt.sensors), np.sqrt(np.maximum(np.diag(covariance), 0.0))
     found: dict[str, dict[str, dict[str, Any]]] = {}
     for one, value, doubt in zip(what, values, doubts, strict=True):
         found.setdefault(one.channel, {})[_KEYS[one.fault]] = {
@@ -36,12 +33,8 @@ def calibration_of(attempt: Attempt) -> dict[str, dict[str, dict[str, Any]]]:
             "low": float(value - _QUANTILE * doubt),
             "high": float(value + _QUANTILE * doubt),
             "unit": _UNITS[one.fault],
-            "tolerance": one.tolerance,
+            "tolerance": getattr(measured.tolerances, one.fault),
         }
-    if late.any():
-        first = measured.tolerances.reference(measured.channels)
-        own = {"value": -earliest, "low": -earliest, "high": -earliest, "unit": "s", "tolerance": 0.0}
-        found.setdefault(first, {})["delay"] = own
     return found
 
 

@@ -151,11 +151,11 @@ def screen(attempt: Attempt, groups: Sequence[Sequence[Hypothesis]], workers: in
         looks = list(pool.map(look, range(len(attempt.followers))))
     gram = np.sum([gram for _, gram, _ in looks], axis=0) * attempt.scale**2
     parts = np.concatenate([_blocks(parts) for _, _, parts in looks]) * attempt.scale**2
+    pull = np.zeros(model.shared)
     if calibration is not None:
         known, pull = expected(model, rows)
         gram[range(model.shared), range(model.shared)] += known
-        parts = np.vstack([parts, np.pad(pull, (0, parts.shape[1] - model.shared))])
-    return Screening(*_rank(looks[0][0], gram, parts, model.shared))
+    return Screening(*_rank(looks[0][0], gram, parts, pull))
 
 
 def shapes(
@@ -240,11 +240,12 @@ def _range(column: _Column) -> tuple[float, float]:
 
 
 def _rank(
-    columns: Sequence[_Column], gram: np.ndarray, parts: np.ndarray, held: int
+    columns: Sequence[_Column], gram: np.ndarray, parts: np.ndarray, pull: np.ndarray
 ) -> tuple[list[Hint], list[Hint]]:
-    """Gains of single columns and pairs, with the first ``held`` unknowns free."""
+    """Gains of single columns and pairs, with the first unknowns free: ``pull``, what is known of these."""
     if not columns:
         return [], []
+    held = len(pull)
     base, rest = list(range(held)), list(range(held, len(gram) - 1))
     unit = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     scaled = gram * np.outer(unit, unit)
@@ -255,7 +256,7 @@ def _rank(
     matrix = left[np.ix_(rest, rest)]
     # a few blocks where an impact was put together wrongly must not speak louder than all others
     limit = np.quantile(np.abs(scores), _LOUD, axis=0)
-    vector = np.clip(scores, -limit, limit).sum(axis=0)
+    vector = np.clip(scores, -limit, limit).sum(axis=0) - (pull * unit[:held]) @ lift[:, rest]
     alone = np.diag(matrix)
     clear = alone > 1e-8
     safe = np.where(clear, alone, 1.0)

@@ -66,6 +66,7 @@ class Search:
     ) -> None:
         self.recordings, self.alignments, self.setting = list(recordings), list(alignments), setting
         self.groups, self.workers, self.report = groups, workers, report
+        self.clearance, self.traces, self.starts = np.nan, list[Trace](), list[Start]()
         self.deadline, self.stopped = deadline, ""
         self.patient_until = np.inf  # of ``time.monotonic``: when lost paths are not looked for any more
         folder = kept_in(finished, self.recordings, self.alignments, setting, groups)
@@ -99,10 +100,13 @@ class Search:
             moved = abs(np.log(clearance / self.clearance)) > _SAME
             if explanation.nominal.misfit < _UNSURE or not moved or self.late():
                 break
+            before = self.clearance, self.traces, self.starts, self.recordings
             self._retrace_all(clearance)
             other = self._nominal()
             if other.nominal.misfit < explanation.nominal.misfit:
                 explanation = other
+            else:
+                self.clearance, self.traces, self.starts, self.recordings = before
         return explanation
 
     def _nominal(self) -> Explanation:
@@ -164,6 +168,7 @@ class Search:
         if measured.covariance is None or not measured.widened < _SURER * before:
             return False
         self.recordings = [one.calibrated(measured.sensors, measured.covariance) for one in self.recordings]
+        self.finished.recordings = self.recordings
         return True
 
     def _kept(self, seen: Follower) -> list[Start]:

@@ -168,9 +168,11 @@ class Measured:
 
         Until they are calibrated what they may be off by counts as noise.
         """
-        limits = np.array([one.tolerance for one in tolerances.open(self.channels)])
+        what = tolerances.open(self.channels)
+        if not what:
+            return self
+        covariance = np.diag([(HALF * one.tolerance) ** 2 for one in what])
         wide = replace(self, tolerances=tolerances)
-        covariance = np.diag((HALF * limits) ** 2)
         return replace(wide, sigma=wide._doubted(covariance), raw=(self.recorded, self.sigma))
 
     def _doubted(self, covariance: np.ndarray) -> np.ndarray:
@@ -179,8 +181,8 @@ class Measured:
         rates = np.gradient(self.recorded, 1.0 / self.chain.rate, axis=0)
         for place, channel in enumerate(self.channels):
             own = [i for i, one in enumerate(what) if one.channel == channel]
-            across = OTHER_AXIS.get(channel, ("", 0.0))[0]
-            other = self.recorded[:, self.channels.index(across)] if across in self.channels else 0.0
+            across, sign = OTHER_AXIS.get(channel, ("", 0.0))
+            other = sign * self.recorded[:, self.channels.index(across)] if across in self.channels else 0.0
             felt = {
                 "gain": self.recorded[:, place], "misalignment": np.radians(other), "delay": -rates[:, place]
             }  # fmt: skip
@@ -203,11 +205,10 @@ class Measured:
             covariance: of that, as ``Tolerances.open`` lists it; counts as noise.
         """
         plain = self.as_recorded()
-        if sensors == NO_FAULT:
+        if sensors == NO_FAULT and covariance is None:
             return plain
         whole, _ = sensors.correct(plain.recorded, self.channels, self.chain.rate)
-        _, sigma, _ = plain.restored(sensors)
-        raw = plain.recorded, plain.sigma
+        sigma, raw = plain._through(sensors), (plain.recorded, plain.sigma)
         found = replace(self, values=self._cut(whole), recorded=whole, sigma=sigma, sensors=sensors, raw=raw)
         if covariance is None:
             return replace(found, covariance=None)
@@ -230,7 +231,8 @@ class Measured:
         """The same part, of a recording that hardly goes beyond it: there is less to correct."""
         begin = max(self.first - _AROUND, 0)
         recorded = self.recorded[begin * SAMPLES : (self.first + len(self.values) + _AROUND) * SAMPLES]
-        return replace(self, recorded=recorded, first=self.first - begin)
+        clock = self.clock + begin * self.segment
+        return replace(self, recorded=recorded, first=self.first - begin, clock=clock)
 
     def _cut(self, whole: np.ndarray) -> np.ndarray:
         """(segments, samples, channels) of this part."""
@@ -243,9 +245,9 @@ class Measured:
 
     def without(self, channel: str) -> "Measured":
         """The same recording as if a channel's noise were so large that it says nothing."""
-        sigma = self.sigma.copy()
-        sigma[self.channels.index(channel)] *= _DEAF
-        return replace(self, sigma=sigma)
+        deaf = np.where(np.array(self.channels) == channel, _DEAF, 1.0)
+        raw = None if self.raw is None else (self.raw[0], self.raw[1] * deaf)
+        return replace(self, sigma=self.sigma * deaf, raw=raw)
 
     def less(self, first: int, residual: np.ndarray, instrument: Instrument) -> "Measured":
         """The same recording with a part of what faultless instruments would have recorded taken away.
@@ -259,11 +261,15 @@ class Measured:
         begin = (self.first + first) * SAMPLES
         flat = residual.reshape(-1, residual.shape[2])
         whole[begin : begin + len(flat)] = flat / pace(self.signals, instrument)
-        seen = replace(instrument, bias={}, saturation={}, timebase=0.0)
-        recorded = self.recorded - seen.apply(whole, self.channels, self.chain.rate)
+
+        def taken(recorded: np.ndarray, through: Instrument) -> np.ndarray:
+            seen = replace(through, bias={}, saturation={}, timebase=0.0)
+            return recorded - seen.apply(whole, self.channels, self.chain.rate)
+
         values = self.values.copy()
         values[first : first + len(residual)] -= residual
-        return replace(self, values=values, recorded=recorded)
+        raw = self.raw and (taken(self.raw[0], self.sensors.beside(instrument)), self.raw[1])
+        return replace(self, values=values, recorded=taken(self.recorded, instrument), raw=raw)
 
     def seen(self, faultless: np.ndarray, instrument: Instrument) -> np.ndarray:
         """What instruments make of what faultless ones would have recorded: ``restored`` backwards.
@@ -273,11 +279,16 @@ class Measured:
             instrument: what they do.
         """
         counted = faultless.reshape(-1, faultless.shape[2]) / pace(self.signals, instrument)
-        own = replace(instrument, timebase=0.0)
-        return own.apply(counted, self.channels, self.chain.rate).reshape(faultless.shape)
+        own, rate = replace(instrument, timebase=0.0), self.chain.rate
+        if self.sensors == NO_FAULT:
+            return own.apply(counted, self.channels, rate).reshape(faultless.shape)
+        recorded = self.sensors.beside(own).apply(counted, self.channels, rate)
+        return self.sensors.correct(recorded, self.channels, rate)[0].reshape(faultless.shape)
 
     def restored(self, instrument: Instrument) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What faultless instruments would have recorded.
+
+        What accelerometers do within their tolerances and a fault are undone as one: neither comes first.
 
         Returns:
             (segments, samples, channels) values, (channels,) standard deviation of their noise, and
@@ -285,12 +296,24 @@ class Measured:
         """
         if instrument == NO_FAULT:
             return self.values, self.sigma, np.ones(self.values.shape, dtype=bool)
-        whole, known = instrument.correct(self.recorded, self.channels, self.chain.rate)
+        counted = pace(self.signals, instrument)
+        if self.raw is None:
+            whole, known = instrument.correct(self.recorded, self.channels, self.chain.rate)
+            return self._cut(whole * counted), self._through(instrument) * counted, self._cut(known)
+        both, plain = self.sensors.beside(instrument), self.as_recorded()
+        whole, known = both.correct(plain.recorded, self.channels, self.chain.rate)
+        doubt = np.maximum(self.sigma**2 - plain._through(self.sensors) ** 2, 0.0)
+        sigma = np.sqrt(plain._through(both) ** 2 + doubt) * counted
+        return self._cut(whole * counted), sigma, self._cut(known)
+
+    def _through(self, instrument: Instrument) -> np.ndarray:
+        """(channels,) noise after an instrument's faults were undone."""
+        if instrument == NO_FAULT:
+            return self.sigma
         free = replace(instrument, bias={}, saturation={})
         quiet, _ = free.correct(_NOISE[:, : len(self.channels)], self.channels, self.chain.rate)
-        sigma = self.sigma * quiet.std(axis=0)
-        counted = pace(self.signals, instrument)
-        return self._cut(whole * counted), sigma * counted, self._cut(known)
+        found: np.ndarray = self.sigma * quiet.std(axis=0)
+        return found
 
     def moved(self, before: Instrument, after: Instrument) -> np.ndarray:
         """(segments, samples, channels) by which ``restored`` values differ between two instruments.
@@ -302,8 +325,10 @@ class Measured:
             return self.restored(after)[0] - self.restored(before)[0]
         mixed = touched | {OTHER_AXIS[name][0] for name in touched if name in OTHER_AXIS}
         columns = [i for i, name in enumerate(self.channels) if name in mixed]
-        names, part = [self.channels[i] for i in columns], self.recorded[:, columns]
-        one, other = (faults.correct(part, names, self.chain.rate)[0] for faults in (before, after))
+        recorded = self.recorded if self.raw is None else self.raw[0]
+        names, part = [self.channels[i] for i in columns], recorded[:, columns]
+        each = [self.sensors.beside(faults) for faults in (before, after)]
+        one, other = (faults.correct(part, names, self.chain.rate)[0] for faults in each)
         counted = pace([self.signals[i] for i in columns], before)
         change = np.zeros((len(self.recorded), len(self.channels)))
         change[:, columns] = (other - one) * counted

@@ -49,7 +49,8 @@ class Tolerances:
     def __post_init__(self) -> None:
         for name, (most, unit) in _MOST.items():
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= most:
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not (number and (value == 0.0 or _LEAST * most <= value <= most)):
                 raise InputError(
                     f"tolerances.{name} = {value!r} is not between 0 and {most:g} {unit}; change "
                     f"tolerances.{name}"
@@ -76,7 +77,8 @@ class Tolerances:
         """
         found = []
         heard = [channel for channel in channels if channel in FAULTY_CHANNELS]
-        reference = None if ENCODER in channels else self.reference(channels)
+        moving = [channel for channel in heard if channel not in STILL] or heard
+        reference = moving[0] if moving and ENCODER not in channels else None
         for entry in fields(self):
             tolerance, late = float(getattr(self, entry.name)), entry.name == "delay"
             for channel in heard if tolerance > 0.0 else ():
@@ -89,13 +91,6 @@ class Tolerances:
                 neutral = 1.0 if entry.name == "gain" else 0.0
                 found.append(Open(entry.name, channel, neutral, wide * tolerance))
         return tuple(found)
-
-    @staticmethod
-    def reference(channels: Sequence[str]) -> str:
-        """The sensor from which delays are counted: the crank's angle, or an accelerometer that moves."""
-        heard = [channel for channel in channels if channel in FAULTY_CHANNELS]
-        moving = [channel for channel in heard if channel not in STILL]
-        return ENCODER if ENCODER in channels else (moving or heard)[0]
 
 
 def instrument_of(what: Sequence[Open], values: Iterable[float]) -> Instrument:
@@ -114,6 +109,7 @@ def values_of(what: Sequence[Open], instrument: Instrument) -> list[float]:
 HALF = 0.5
 """Of a tolerance, which 95 of 100 keep: the standard deviation of what it limits."""
 ENCODER = "crank_angle"
+_LEAST = 1e-6  # of the largest tolerance: below, nothing is open
 _MOST = {"gain": (0.2, "[-]"), "misalignment": (15.0, "deg"), "delay": (1e-3, "s"), "bias": (100.0, "m/s^2")}
 NOTHING_LEFT_OPEN = Tolerances()
 """Of exact sensors."""

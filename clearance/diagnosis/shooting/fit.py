@@ -60,12 +60,13 @@ class Fit(Settled):
     Attributes:
         passes: the linearisation of each recording.
         information: (P, P) of all parameters: shared ones, then each recording's own [1/unit^2].
-        doubts: standard deviations of what the accelerometers were found to do, as ``Tolerances.open`` lists.
+        covariance: of what the accelerometers were found to do, as ``Tolerances.open`` lists it; ``None``
+            where they are exact.
     """
 
     passes: Sequence[Pass]
     information: np.ndarray
-    doubts: np.ndarray | None = None
+    covariance: np.ndarray | None = None
 
     def deviations(self) -> np.ndarray:
         """(P,) standard deviations of all parameters."""
@@ -170,9 +171,9 @@ def fit(
             follower.measured = measured
     sensors, values = calibration.sensors(found.values[0]), calibration.without(found.values)
     for follower, measured in zip(followers, kept, strict=True):
-        follower.measured = measured.calibrated(sensors, covariance)
-    doubts = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return Fit(model, values, found.cost, look(model, values)[0], information, doubts)
+        follower.measured = measured.calibrated(sensors)
+    passes = look(model, values)[0]
+    return Fit(model, values, sum(one.cost for one in passes), passes, information, covariance)
 
 
 def _scales(finest: float, coarsest: float) -> list[float]:

@@ -18,25 +18,26 @@ def attempt(seed=0):
     return SimpleNamespace(
         followers=[SimpleNamespace(measured=one)],
         sensors=one.sensors,
-        fit=SimpleNamespace(doubts=np.array([0.01 * one.tolerance for one in what])),
+        fit=SimpleNamespace(covariance=np.diag([(0.01 * one.tolerance) ** 2 for one in what])),
     )
 
 
 def test_every_sensor_has_its_values_with_intervals():
     found = calibration_of(attempt())
-    assert list(found) == [*CHANNELS[:3], "crank_angle"]
+    assert list(found) == list(CHANNELS[:3])  # whose delays are counted from the crank's angle
     gain = found["rod_b_axial"]["gain"]
     assert gain["value"] == pytest.approx(1.006)
     assert gain["high"] - gain["low"] == pytest.approx(2 * 1.96 * 0.01 * 0.02)
     assert found["rod_b_axial"]["delay"]["value"] == pytest.approx(1.2e-5)
-    assert found["crank_angle"]["delay"]["value"] == 0.0  # from which they are counted
     assert declared(found)["slider_horizontal"].keys() == {"gain", "delay", "bias"}
     assert "0.60% (rod_b_transverse)" in largest(found)
     assert "0.6 deg (rod_b_transverse)" in largest(found)
 
 
 def test_exact_sensors_have_none():
-    one = SimpleNamespace(followers=[SimpleNamespace(measured=measured())], fit=SimpleNamespace(doubts=None))
+    one = SimpleNamespace(
+        followers=[SimpleNamespace(measured=measured())], fit=SimpleNamespace(covariance=None)
+    )
     assert calibration_of(one) == {}
 
 

@@ -82,8 +82,8 @@ def test_until_it_is_calibrated_what_a_sensor_may_be_off_by_is_noise():
     np.testing.assert_array_equal(back.sigma, plain.sigma)
     np.testing.assert_array_equal(back.values, plain.values)
     assert back.widened == 1.0
-    exact = plain.within(NOTHING_LEFT_OPEN)
-    np.testing.assert_array_equal(exact.sigma, plain.sigma)
+    assert plain.within(NOTHING_LEFT_OPEN) is plain
+    assert NOTHING_LEFT_OPEN.open(("slider_velocity",)) == ()
 
 
 def test_what_a_calibration_undoes_is_what_the_sensors_did():
