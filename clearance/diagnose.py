@@ -193,7 +193,7 @@ def _load(
     named: dict[str, Recording],
     others: dict[str, Recording],
     channels: tuple[str, ...],
-    tolerances: Tolerances,
+    tolerances: Tolerances = NOTHING_LEFT_OPEN,
 ) -> tuple[list[Measured], list[Measured]]:
     """Recordings to fit and recordings to judge by, with the channels that say something in all of them."""
     everything = {**named, **others}

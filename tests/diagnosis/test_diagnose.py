@@ -11,7 +11,9 @@ from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.outcome import diagnose
 from clearance.diagnosis.sensing.demonstration import CLEARANCE, FRICTION, SPEED, record
+from clearance.diagnosis.sensing.instrument import FAULTY_CHANNELS, Instrument
 from clearance.diagnosis.sensing.measured import Measured, chain_of
+from clearance.diagnosis.sensing.tolerances import Tolerances
 from clearance.errors import InputError
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.slider_crank import SliderCrank
@@ -103,6 +105,28 @@ def test_nothing_is_found_where_nothing_is_missing(joint, clearance, told):
     assert found["fit"]["held_out"]["after"] < 1.1
 
 
+def test_sensors_that_are_all_off_within_their_tolerances_are_no_missing_physics():
+    setting = Setting(SliderCrank(), "C")
+    machine = replace(setting.with_clearance(2e-4), drive=SpeedControl(SPEED, ramp=0.1))
+    recording = record(machine, 4)
+    names = [name for name in recording.channels if name in FAULTY_CHANNELS]
+    gains = dict(
+        zip(names, 1.0 + 0.03 * np.random.default_rng(0).uniform(-1.0, 1.0, len(names)), strict=True)
+    )
+    seen = Instrument(gain=gains).apply(recording.values, recording.channels, recording.rate)
+    tolerances = Tolerances(gain=0.04)
+    parts = _load({"a": replace(recording, values=seen)}, {}, recording.channels, tolerances)
+    effects = load_effects(["gravity", "sensor_gain"])
+    found = diagnose(*parts, [setting], effects, (150 * RPM, 3000 * RPM), 1, 1, lambda _: None).diagnosis
+    assert (found["verdict"], found["effects"]) == ("none", [])
+    assert found["fit"]["held_out"]["after"] < 1.1
+    assert found["clearance"]["low_m"] < 2e-4 < found["clearance"]["high_m"]
+    told = {name: own["gain"] for name, own in found["sensors"].items() if own["gain"]["high"] < 1.039}
+    assert len(told) > 3
+    for name, gain in told.items():
+        assert gain["value"] == pytest.approx(gains[name], abs=2.0 * (gain["high"] - gain["low"]))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("stopped", ["time_limit", "interrupted"])
 def test_what_was_found_so_far_is_judged(stopped, monkeypatch):
@@ -161,6 +185,10 @@ def recordings(tmp_path_factory):
         (("recordings=a.parquet", "time_limit=-5"), "time_limit = -5"),
         (("recordings=a.parquet", "simulations=5"), "simulations = 5"),
         (("recordings=motion.parquet", "simulations=19"), "simulations = 19: only a diagnosis by accel"),
+        (("recordings=a.parquet", "tolerances=0.02"), "tolerances = 0.02 is not null or limits"),
+        (("recordings=a.parquet", "tolerances={gain: 5}"), "tolerances.gain = 5 is not between 0 and 0.2"),
+        (("recordings=motion.parquet", "tolerances={gain: 0.02}"), "have no accelerometers"),
+        (("recordings=a.parquet", "tolerances={gain: 0.02}", "simulations=19"), "accelerometers are exact"),
         (("recordings=a.parquet", "sensors=crank"), "change sensors"),
         (("recordings=[a.parquet,crank.parquet]",), "at least one on rod or slider"),
         (("recordings=[a.parquet,slow.parquet]",), "their rates differ"),
