@@ -215,12 +215,12 @@ def _fitted(
         if found is not None and other.level * scale**2 > found.level * reached**2:
             follower.path, follower.measured = path, measured
             break
-        if isinstance(other, Fit):  # what it left open counts as noise in the steps that follow
-            follower.measured = follower.measured.calibrated(follower.measured.sensors, other.covariance)
         found, values, reached = other, other.values, scale
         if other.level > 0.5 * FOLLOWED:
             break
     assert found is not None
+    if isinstance(found, Fit):  # what it left open of the sensors counts as noise in the steps that follow
+        follower.measured = follower.measured.calibrated(follower.measured.sensors, found.covariance)
     return found, reached
 
 

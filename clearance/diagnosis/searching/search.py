@@ -40,7 +40,6 @@ from clearance.mechanism.slider_crank import SliderCrank
 
 _GLANCES, _GLANCE = 3, 40  # glances at the clearance, and segments of each
 _FACTORS = (1.0, 0.95, 1.05)  # on it, tried one after another
-_MISHEARD = 2  # times that the nominal machine is sought anew where sensors may be off
 _SURER = 0.7  # of the doubt about accelerometers before: less asks for new paths
 _SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on looks tell little
 PATIENCE = 40  # times that a path is looked for in vain at the beginning
@@ -92,21 +91,19 @@ class Search:
         """Refit the nominal machine.
 
         What accelerometers may do within their tolerances leads the clearance of the motion astray. Where a
-        fit that is far off has moved it, paths are sought anew from there.
+        fit that is far off has moved it, paths are sought anew from there, once.
         """
         explanation = self._nominal()
-        for _ in range(_MISHEARD if self.recordings[0].raw is not None else 0):
-            clearance = float(explanation.nominal.fit.values[0, 0])
-            moved = abs(np.log(clearance / self.clearance)) > _SAME
-            if explanation.nominal.misfit < _UNSURE or not moved or self.late():
-                break
-            before = self.clearance, self.traces, self.starts, self.recordings
-            self._retrace_all(clearance)
-            other = self._nominal()
-            if other.nominal.misfit < explanation.nominal.misfit:
-                explanation = other
-            else:
-                self.clearance, self.traces, self.starts, self.recordings = before
+        clearance = float(explanation.nominal.fit.values[0, 0])
+        astray = explanation.nominal.misfit > _UNSURE and abs(np.log(clearance / self.clearance)) > _SAME
+        if self.recordings[0].raw is None or not astray or self.late():
+            return explanation
+        before = self.clearance, self.traces, self.starts, self.recordings
+        self._retrace_all(clearance)
+        other = self._nominal()
+        if other.nominal.misfit < explanation.nominal.misfit:
+            return other
+        self.clearance, self.traces, self.starts, self.recordings = before
         return explanation
 
     def _nominal(self) -> Explanation:

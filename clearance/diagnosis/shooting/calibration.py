@@ -13,6 +13,7 @@ from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.tolerances import HALF, Open, instrument_of, values_of
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.model import Model, Unknown
+from clearance.mechanism.slider_crank import SliderCrank
 
 _FURTHEST = 1.5  # tolerances: bound
 _STEP = 1e-2  # of a tolerance, for derivatives
@@ -30,7 +31,8 @@ class Calibration:
     """
 
     def __init__(self, model: Model, what: Sequence[Open]) -> None:
-        self.what, self._shared = tuple(what), model.shared
+        self.what, self._shared, self._plain = tuple(what), model.shared, model
+        self._last: tuple[bytes, SliderCrank] | None = None
         unknowns = tuple(
             Unknown(
                 f"{one.fault} of {one.channel}", _STEP * one.tolerance,
@@ -43,10 +45,18 @@ class Calibration:
         first = self._shared
         self.model = Model(
             (*model.unknowns[:first], *unknowns, *model.unknowns[first:]),
-            lambda v: model.machine(self.without(v)),
+            self._machine,
             lambda v: self.sensors(v).beside(model.instrument(self.without(v))),
             (*sensing[:first], *(True for _ in unknowns), *sensing[first:]),
         )  # fmt: skip
+
+    def _machine(self, row: np.ndarray) -> SliderCrank:
+        """The machine of a row; no sensor changes it, so that the last one often serves."""
+        plain = self.without(row)
+        key, last = plain.tobytes(), self._last
+        if last is None or last[0] != key:
+            self._last = last = key, self._plain.machine(plain)
+        return last[1]
 
     def sensors(self, row: np.ndarray) -> Instrument:
         """What the accelerometers do, of a row of values."""
