@@ -13,7 +13,9 @@ from clearance.diagnosis.searching.location import locate_joint
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.strategy import find_explanation
 from clearance.diagnosis.sensing.demonstration import record
+from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.measured import Measured, chain_of
+from clearance.diagnosis.sensing.tolerances import Tolerances
 from clearance.errors import InputError
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.slider_crank import SliderCrank
@@ -57,6 +59,25 @@ def test_another_run_goes_on_from_what_was_finished(first, measured, monkeypatch
         np.testing.assert_array_equal(one.fit.values, other.fit.values)
         assert one.misfit == pytest.approx(other.misfit, rel=1e-9)
         np.testing.assert_allclose(one.fit.information, other.fit.information, rtol=1e-6)
+
+
+def test_sensors_that_were_calibrated_are_known_to_another_run(tmp_path, monkeypatch):
+    recording = record(replace(SETTING.with_clearance(2e-4), drive=SpeedControl(700.0, ramp=0.1)), 3)
+    gains = {"rod_b_axial": 1.03, "slider_horizontal": 0.98}
+    seen = Instrument(gain=gains).apply(recording.values, recording.channels, recording.rate)
+    off = replace(recording, values=seen)
+    one = Measured.of(off, chain_of(off, "one"), "one").part(0, 260).within(Tolerances(gain=0.04))
+    _, before = run(one, tmp_path)
+    for name in ("begin", "retrace", "grown"):
+        monkeypatch.setattr(Search, name, never)
+    _, after = run(one, tmp_path)
+    assert before.nominal.sensors.gain["rod_b_axial"] == pytest.approx(1.03, abs=5e-3)
+    assert after.nominal.sensors == before.nominal.sensors
+    np.testing.assert_array_equal(after.nominal.fit.values, before.nominal.fit.values)
+    assert after.nominal.misfit == pytest.approx(before.nominal.misfit, rel=1e-9)
+    np.testing.assert_allclose(
+        after.nominal.fit.covariance, before.nominal.fit.covariance, rtol=1e-6, atol=1e-15
+    )
 
 
 def test_a_damaged_file_is_made_again(first, measured):
