@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from clearance.diagnosis.hypotheses.effect import Effect
-from clearance.diagnosis.sensing.measured import noise_level
+from clearance.diagnosis.sensing.noise import noise_level
 from clearance.errors import InputError
 from clearance.simulation.layout import Signal
 from clearance.trial.baselines.answer import answer

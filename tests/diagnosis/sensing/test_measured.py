@@ -13,9 +13,8 @@ from clearance.diagnosis.sensing.measured import (
     Measured,
     chain_of,
     filter_weights,
-    limit,
-    noise_level,
 )
+from clearance.diagnosis.sensing.noise import limit, noise_level
 from clearance.errors import InputError
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.recording import Recording
