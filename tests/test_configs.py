@@ -40,7 +40,7 @@ def composed(command, *overrides):
         return compose(command, list(overrides), return_hydra_config=True)
 
 
-PAGES = ("README.md", *(f"docs/{page}.md" for page in ("scaling", "trial", "location", "placement")))
+PAGES = ("README.md", *(f"docs/{page}.md" for page in ("scaling", "trial", "location", "paper", "placement")))
 TEXT = "\n".join((CONFIGURATION.parent / page).read_text() for page in PAGES)
 SHOWN = [
     line
