@@ -17,9 +17,10 @@ import numpy as np
 from clearance.diagnosis.following.attempt import ANNEALING, FOLLOWED, tightened
 from clearance.diagnosis.following.horizon import AHEAD, advance
 from clearance.diagnosis.following.trace import Trace
-from clearance.diagnosis.shooting.fit import Fit, Settled, fit, settle
+from clearance.diagnosis.shooting.fit import Fit, fit
 from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.diagnosis.shooting.model import Model
+from clearance.diagnosis.shooting.settle import Settled, settle
 
 ISLAND = 6  # segments that must all be followed well where the path is sure
 _EDGES = EDGE + 1  # segments at the ends that cannot be judged

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from clearance.diagnosis.following.particles import DOUBT, FRESH, Lost, rejoin
-from clearance.diagnosis.shooting.fit import settle
 from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.diagnosis.shooting.model import Model
+from clearance.diagnosis.shooting.settle import settle
 
 AHEAD = 2  # segments that are predicted beyond a new one
 _HORIZON = 12  # segments that are corrected with a new one

@@ -19,9 +19,10 @@ from clearance.diagnosis.following.attempt import (
 from clearance.diagnosis.following.growth import ISLAND, TORN, Start, grow, scale_of
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
-from clearance.diagnosis.shooting.fit import fit, settle
+from clearance.diagnosis.shooting.fit import fit
 from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.diagnosis.shooting.model import Model
+from clearance.diagnosis.shooting.settle import settle
 from clearance.errors import InputError
 
 _PLACES = 4  # from which a recording that was lost is followed again

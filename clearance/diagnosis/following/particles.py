@@ -18,9 +18,9 @@ import numpy as np
 
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.shooting.chart import Chart
-from clearance.diagnosis.shooting.fit import settle
 from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.diagnosis.shooting.model import Model
+from clearance.diagnosis.shooting.settle import settle
 from clearance.diagnosis.shooting.stretch import Path
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank

@@ -15,6 +15,7 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt
 from clearance.diagnosis.kinematics.agreement import aligned
+from clearance.diagnosis.searching.nominal import refit_nominal
 from clearance.diagnosis.searching.screening import screen
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.sensing.measured import Measured
@@ -110,7 +111,7 @@ def _score(search: Search, made: Sequence[Measured | None], speed_range: tuple[f
             search.groups, search.workers, lambda _: None,
         )  # fmt: skip
         again.trace()
-        nominal = again.nominal().nominal
+        nominal = refit_nominal(again).nominal
         hints = screen(nominal, again.others(nominal), again.workers).singles
     except (InputError, np.linalg.LinAlgError):
         return np.inf

@@ -13,8 +13,10 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, tightened
 from clearance.diagnosis.shooting.covariance import covariance, deviations
-from clearance.diagnosis.shooting.fit import fit, observe, settle, solve, unsteady
+from clearance.diagnosis.shooting.fit import fit
+from clearance.diagnosis.shooting.looks import observe, solve
 from clearance.diagnosis.shooting.nearby import settle_nearby
+from clearance.diagnosis.shooting.settle import settle, unsteady
 from clearance.errors import InputError
 
 _QUANTILE = 1.96  # standard deviations of a 95 % interval

@@ -7,6 +7,7 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import DAMPING, unnamed
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.judging.play import MOTION, NEAREST, clearance_of
 from clearance.diagnosis.judging.verdict import (
     argument_of,
@@ -36,83 +37,26 @@ def sentences(
     held_out: Attempt | None = None,
 ) -> list[str]:
     """The diagnosis in plain words, the headline first; ``held_out`` as of ``verdict_of``."""
-    best, nominal = explanation.best, explanation.nominal
-    clearance, rests_on = clearance_of(explanation)
-    before, after = nominal.fit.values[0, 0] * 1e3, clearance.value * 1e3
+    clearance = clearance_of(explanation)[0].value * 1e3
     held = fit["held_out"]
-    without = f"{held['before']:.3g}" if held["before"] < _LOST else "more than 100, where its path is lost,"
-    them = {0: "it", 1: "it", 2: "both"}.get(len(best.hypotheses), "all of them")
     if verdict == "none":
         return [
             f"Nothing is missing that these recordings could show: the clearance of joint {joint} is "
-            f"{after:.4f} mm, and one-step errors are those of the noise ({held['after']:.2f}, floor 1.00)."
+            f"{clearance:.4f} mm, and one-step errors are those of the noise ({held['after']:.2f}, floor "
+            "1.00)."
         ]
-    gain = f"With {them}, held-out error falls from {without} to {held['after']:.3g} (floor 1.00)"
-    if not held["after"] < _HELPS * held["before"]:
-        gain = (
-            f"It does not help on held-out recordings, where errors are {held['after']:.3g} with {them} and "
-            f"{held['before']:.3g} without (floor 1.00)"
-        )
-    if "followed" in held:
-        gain = (
-            f"Where held-out recordings could be followed, errors are {held['followed']:.3g} with it (floor "
-            "1.00); elsewhere its path was lost,"
-        )
-    if "lost" in held:
-        gain = (
-            "Every fitted recording is followed with it, and the motion shows that play as well; what was "
-            f"held out was lost at the slider's strikes (errors {held['after']:.3g}, floor 1.00),"
-        )
     missed = unconfirmed(explanation, held_out)
     if missed:
         return [
-            f"The fitted recordings show nothing missing: the clearance of joint {joint} is {after:.4f} mm. "
-            f"But the path through what was held out of {' and '.join(missed)} was lost, so that it cannot "
-            "be said that nothing is."
+            f"The fitted recordings show nothing missing: the clearance of joint {joint} is {clearance:.4f} "
+            f"mm. But the path through what was held out of {' and '.join(missed)} was lost, so that it "
+            "cannot be said that nothing is."
         ]
     seen = f" in {', '.join(channels)}" if channels else ""
-    if verdict == "unknown" and not best.hypotheses:
-        body, direction = place_of(explanation, held_out)
-        guess = f" What comes nearest is {_acting(body, direction)}." if body else ""
-        shows = f"{f'It shows most{seen}.' if seen else 'No channel shows it alone.'}{guess}"
-        if explained(nominal):
-            return [*_small(explanation, joint, after, held["after"]), shows]
-        times = f"{held['before']:.3g}" if held["before"] < _LOST else "more than 100"
-        return [
-            "Something is missing that none of the tried hypotheses explains: the nominal model's errors are "
-            f"{times} times those of a perfect one.",
-            shows,
-            *_gap(explanation),
-        ]
-    lines = []
-    place = 1
-    values = estimates(best)
-    curve = unnamed(best.hypotheses)
-    if curve is not None:
-        law = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force
-        argument = argument_of(law) if isinstance(law, TabulatedForce) else ""
-        share = "" if explained(best) else "most of "
-        what = (
-            f"a resistance to the journal's motion in {_body(curve.body)}, by its closeness to the bearing,"
-            if curve.direction == DAMPING
-            else f"{_acting(curve.body, curve.direction)} that depends on {argument.replace('_', ' ')}"
-            f"{_rhythm(law)}"
-        )
-        lines.append(
-            f"Something is missing that has no name here: {what} explains {share}the recordings; its table "
-            "is in corrected.yaml."
-        )
-    for hypothesis in best.hypotheses:
-        count = len(hypothesis.unknowns)
-        shown = {}
-        if hypothesis.effect is not None:
-            for i, unknown in enumerate(hypothesis.unknowns):
-                parameter, e = hypothesis.effect.parameter(unknown.name), values[place + i]
-                # of a model that does not explain, intervals say nothing
-                sure = explained(best) or best is explanation.shown
-                shown[unknown.name] = parameter.text(e.value, *((e.low, e.high) if sure else ()))
-            lines.append(hypothesis.effect.describe(shown, joint))
-        place += count
+    if verdict == "unknown" and not explanation.best.hypotheses:
+        return _nothing_found(explanation, joint, held, seen, held_out)
+    lines = _effects(explanation, joint)
+    curve = unnamed(explanation.best.hypotheses)
     if verdict == "unknown" and curve is None:
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
         if nearer(explanation):
@@ -121,42 +65,131 @@ def sentences(
                 f"Without a name, {_acting(str(body), direction)} comes nearer to one recording; no table of "
                 "it was found that explains all."
             )
+    if curve is not None:
+        lines.insert(0, _free_force(explanation, curve))
     if verdict == "unknown":
         lines += _gap(explanation)
     others = rivals(verdict, explanation)[1:]
     if others:
         names = " or ".join(" with ".join(h.name for h in a.hypotheses) for a in others)
         lines.append(f"With these sensors it cannot be told from {names}.")
-    if best is explanation.shown and curve is not None:
-        lines.append(
+    if explanation.best is explanation.shown:
+        lines.append(_shown_by_motion(explanation))
+    return [*lines, _improvement(explanation, held, seen)]
+
+
+def _nothing_found(
+    explanation: Explanation, joint: str, held: dict[str, Any], seen: str, held_out: Attempt | None
+) -> list[str]:
+    """Of a mismatch for which nothing was found."""
+    body, direction = place_of(explanation, held_out)
+    guess = f" What comes nearest is {_acting(body, direction)}." if body else ""
+    shows = f"{f'It shows most{seen}.' if seen else 'No channel shows it alone.'}{guess}"
+    if explained(explanation.nominal):
+        clearance = clearance_of(explanation)[0].value * 1e3
+        return [*_small(explanation, joint, clearance, held["after"]), shows]
+    times = f"{held['before']:.3g}" if held["before"] < _LOST else "more than 100"
+    return [
+        "Something is missing that none of the tried hypotheses explains: the nominal model's errors are "
+        f"{times} times those of a perfect one.",
+        shows,
+        *_gap(explanation),
+    ]
+
+
+def _free_force(explanation: Explanation, curve: Hypothesis) -> str:
+    """Of a force without a name."""
+    nominal = explanation.nominal
+    law = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force
+    argument = argument_of(law) if isinstance(law, TabulatedForce) else ""
+    share = "" if explained(explanation.best) else "most of "
+    what = (
+        f"{_acting(curve.body, curve.direction)} that depends on {argument.replace('_', ' ')}{_rhythm(law)}"
+    )
+    if curve.direction == DAMPING:
+        what = (
+            f"a resistance to the journal's motion in {_body(curve.body)}, by its closeness to the bearing,"
+        )
+    return (
+        f"Something is missing that has no name here: {what} explains {share}the recordings; its table "
+        "is in corrected.yaml."
+    )
+
+
+def _effects(explanation: Explanation, joint: str) -> list[str]:
+    """Of the named effects of the best attempt, with their numbers."""
+    best = explanation.best
+    lines, place, values = [], 1, estimates(best)
+    sure = explained(best) or best is explanation.shown  # else intervals say nothing
+    for hypothesis in best.hypotheses:
+        if hypothesis.effect is not None:
+            shown = {}
+            for unknown, e in zip(hypothesis.unknowns, values[place:], strict=False):
+                parameter = hypothesis.effect.parameter(unknown.name)
+                shown[unknown.name] = parameter.text(e.value, *((e.low, e.high) if sure else ()))
+            lines.append(hypothesis.effect.describe(shown, joint))
+        place += len(hypothesis.unknowns)
+    return lines
+
+
+def _shown_by_motion(explanation: Explanation) -> str:
+    """Of what the motion shows, and one-step errors do not."""
+    if unnamed(explanation.best.hypotheses) is not None:
+        return (
             "The balance of forces on the frame shows this. From one moment to the next a frame that is "
             "pushed moves as a free one does, so that one-step errors do not tell."
         )
-        gain = (
-            f"One-step errors are {held['after']:.3g} with it and {held['before']:.3g} without (floor 1.00)"
-        )
-    elif best is explanation.shown:
-        rails = explanation.rails
-        one = rails is not None and rails.followed
-        lines.append(
+    rails = explanation.rails
+    if rails is not None and rails.followed:
+        return (
             "One recording was followed so through its strikes, others were not: what else may be missing "
             "there is not said."
-            if one
-            else "The motion alone shows this: the slider moves as if between rails"
-            f"{' on a frame that gives way' if rails is not None and rails.beside else ''}. "
-            "No such machine was kept on the recordings through its strikes: what else may be missing is not "
-            "said."
         )
-        gain = f"One-step errors remain ({held['after']:.3g}, floor 1.00)"
-    mismatch = f"The mismatch shows{seen}. " if seen else ""
-    if rests_on == MOTION and best is not explanation.shown:
-        lines.append(f"{mismatch}{gain}.")
-        return lines
-    near = " (the nearest models'; no 95 % interval)" if rests_on == NEAREST else ""
-    lines.append(
-        f"{mismatch}{gain} and the clearance estimate changes from {before:.4f} to {after:.4f} mm{near}."
+    return (
+        "The motion alone shows this: the slider moves as if between rails"
+        f"{' on a frame that gives way' if rails is not None and rails.beside else ''}. "
+        "No such machine was kept on the recordings through its strikes: what else may be missing is not "
+        "said."
     )
-    return lines
+
+
+def _improvement(explanation: Explanation, held: dict[str, Any], seen: str) -> str:
+    """How much better the fit is, and how the clearance changes."""
+    best, (clearance, rests_on) = explanation.best, clearance_of(explanation)
+    before, after = explanation.nominal.fit.values[0, 0] * 1e3, clearance.value * 1e3
+    mismatch = f"The mismatch shows{seen}. " if seen else ""
+    gain = _gain(explanation, held)
+    if rests_on == MOTION and best is not explanation.shown:
+        return f"{mismatch}{gain}."
+    near = " (the nearest models'; no 95 % interval)" if rests_on == NEAREST else ""
+    return f"{mismatch}{gain} and the clearance estimate changes from {before:.4f} to {after:.4f} mm{near}."
+
+
+def _gain(explanation: Explanation, held: dict[str, Any]) -> str:
+    """What becomes of the held-out error."""
+    best, after = explanation.best, f"{held['after']:.3g}"
+    if best is explanation.shown:
+        if unnamed(best.hypotheses) is not None:
+            return f"One-step errors are {after} with it and {held['before']:.3g} without (floor 1.00)"
+        return f"One-step errors remain ({after}, floor 1.00)"
+    if "lost" in held:
+        return (
+            "Every fitted recording is followed with it, and the motion shows that play as well; what was "
+            f"held out was lost at the slider's strikes (errors {after}, floor 1.00),"
+        )
+    if "followed" in held:
+        return (
+            f"Where held-out recordings could be followed, errors are {held['followed']:.3g} with it (floor "
+            "1.00); elsewhere its path was lost,"
+        )
+    them = {0: "it", 1: "it", 2: "both"}.get(len(best.hypotheses), "all of them")
+    if not held["after"] < _HELPS * held["before"]:
+        return (
+            f"It does not help on held-out recordings, where errors are {after} with {them} and "
+            f"{held['before']:.3g} without (floor 1.00)"
+        )
+    without = f"{held['before']:.3g}" if held["before"] < _LOST else "more than 100, where its path is lost,"
+    return f"With {them}, held-out error falls from {without} to {after} (floor 1.00)"
 
 
 def _small(explanation: Explanation, joint: str, clearance: float, error: float) -> list[str]:

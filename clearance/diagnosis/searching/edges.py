@@ -12,8 +12,8 @@ from clearance.diagnosis.following.attempt import ANNEALING, ROOM, Attempt, tigh
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import Search
-from clearance.diagnosis.shooting.fit import settle
 from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.settle import settle
 from clearance.errors import InputError
 from clearance.simulation.layout import Signal
 

@@ -33,9 +33,10 @@ from clearance.diagnosis.searching.screening import shapes
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.tables import refine_table
 from clearance.diagnosis.searching.widen import look
-from clearance.diagnosis.shooting.fit import Settled, fit, settle
+from clearance.diagnosis.shooting.fit import fit
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.model import Model
+from clearance.diagnosis.shooting.settle import Settled, settle
 from clearance.errors import InputError
 
 _SMOOTH = 4  # scales of the noise at which paths are smoothed

@@ -10,6 +10,7 @@ from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.nominal import refit_nominal
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.errors import InputError
@@ -75,7 +76,7 @@ def locate_joint(
         )
     tried: list[tuple[Search, Explanation]] = []
     for search in sorted(searches, key=lambda one: float(one.profile.misfit.min())):
-        tried.append((search, search.nominal()))
+        tried.append((search, refit_nominal(search)))
         if explained(tried[-1][1].best):
             break
     best = min(tried, key=lambda one: one[1].best.misfit)

@@ -34,8 +34,9 @@ from clearance.diagnosis.searching.explanation import Explanation, Rails
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE, Shown, measure_rails, suggest_guide
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.shooting.covariance import deviations
-from clearance.diagnosis.shooting.fit import fit, settle
+from clearance.diagnosis.shooting.fit import fit
 from clearance.diagnosis.shooting.model import Model
+from clearance.diagnosis.shooting.settle import settle
 from clearance.errors import InputError
 
 _GAPS = (1.0, 0.95, 1.05, 0.9, 1.1)  # times that which the motion shows

@@ -25,7 +25,8 @@ from clearance.diagnosis.hypotheses.missing_force import (
     proportional,
 )
 from clearance.diagnosis.sensing.instrument import Instrument
-from clearance.diagnosis.shooting.calibration import calibration_of, expected
+from clearance.diagnosis.shooting.calibration import calibration_of
+from clearance.diagnosis.shooting.expectation import expected
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.stretch import Pass
 from clearance.errors import InputError

@@ -17,7 +17,7 @@ from clearance.diagnosis.searching.torn import rejoin_impacts
 from clearance.diagnosis.searching.wear import WORN
 from clearance.diagnosis.searching.widen import kinds, side_by_side
 from clearance.diagnosis.sensing.suspicion import disagreement, steady
-from clearance.diagnosis.shooting.fit import wrapped
+from clearance.diagnosis.shooting.expectation import wrapped
 
 _FITTED = 4  # hypotheses of one screening that are fitted
 _RIGHT = 0.98  # misfit of what is surely right: beside it others are not compared

@@ -21,9 +21,8 @@ from clearance.diagnosis.following.attempt import (
     whole,
 )
 from clearance.diagnosis.following.finished import Finished, kept_in
-from clearance.diagnosis.following.growth import Followed, Start, grow, scale_of
+from clearance.diagnosis.following.growth import Start, scale_of
 from clearance.diagnosis.following.trace import Trace
-from clearance.diagnosis.hypotheses.clipping import clipped_sensors
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.kinematics.agreement import Alignment, profile
 from clearance.diagnosis.kinematics.rhythm import Rhythm
@@ -38,10 +37,6 @@ from clearance.diagnosis.shooting.model import Model
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
-_GLANCES, _GLANCE = 3, 40  # glances at the clearance, and segments of each
-_FACTORS = (1.0, 0.95, 1.05)  # on it, tried one after another
-_SURER = 0.7  # of the doubt about accelerometers before: less asks for new paths
-_SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on looks tell little
 PATIENCE = 40  # times that a path is looked for in vain at the beginning
 _LOOKS = 2  # times that recordings are followed anew with better values
 _LEFT = 0.3  # of what is missing beside a near path: what is right leaves less, but for torn impacts
@@ -83,119 +78,9 @@ class Search:
         self.profile = self.finished.profile(
             lambda: profile(self.recordings, self.alignments, self.setting.with_clearance, self.workers)
         )
-        self._retrace_all(self.profile.best)
+        self.retrace_all(self.profile.best)
         joint, shown = self.setting.joint, f"{self.clearance * 1e3:.3f} mm"
         self.report(f"the motion alone suggests a clearance of {shown} in joint {joint}")
-
-    def nominal(self) -> Explanation:
-        """Refit the nominal machine.
-
-        What accelerometers may do within their tolerances leads the clearance of the motion astray. Where a
-        fit that is far off has moved it, paths are sought anew from there, once.
-        """
-        explanation = self._nominal()
-        clearance = float(explanation.nominal.fit.values[0, 0])
-        astray = explanation.nominal.misfit > _UNSURE and abs(np.log(clearance / self.clearance)) > _SAME
-        if self.recordings[0].raw is None or not astray or self.late():
-            return explanation
-        before = self.clearance, self.traces, self.starts, self.recordings
-        self._retrace_all(clearance)
-        other = self._nominal()
-        if other.nominal.misfit < explanation.nominal.misfit:
-            return other
-        self.clearance, self.traces, self.starts, self.recordings = before
-        return explanation
-
-    def _nominal(self) -> Explanation:
-        """Where a glance moves the clearance, paths are sought anew with it.
-
-        Sensors that stop at a limit show it: with these limits it is followed first.
-        """
-        clipped = clipped_sensors(self.recordings, self.groups.values())
-        limits = [float(one.start[0]) for one in clipped]
-        known = np.array([self.clearance, *limits, self.traces[0].speed])
-        model = self.setting.model(clipped).only([0, len(known) - 1], known)
-        kept: list[Start] = []
-        for glance in range(_GLANCES + 1):
-            values = np.array([[self.clearance, trace.speed] for trace in self.traces])
-            self.starts = self.finished.starts(
-                self.traces,
-                lambda values=values, kept=kept: self.begin(  # type: ignore[misc]
-                    self.traces, model, values, 0, kept
-                ),
-            )
-            if glance == _GLANCES:
-                break
-            seen = self.finished.followed(
-                "glance",
-                lambda values=values: self.glance(model, values),  # type: ignore[misc]
-            )
-            clearance = self.clearance if seen is None else float(seen[1][0])
-            surer = seen is not None and self._hear(seen[0].measured)
-            if abs(np.log(clearance / self.clearance)) < _SAME and not surer:
-                break
-            self._retrace_all(clearance)
-            kept = self._kept(seen[0]) if seen is not None and surer else []
-        values[:, 0] = self.clearance
-        if min(start.doubt for start in self.starts) < FOLLOWED:
-            # the machine is right, or nearly: others that are lost are worth patience
-            self.starts = self.finished.starts(
-                self.traces, lambda: self.begin(self.traces, model, values, PATIENCE, self.starts)
-            )
-        found = self.finished.attempt((), model, lambda: self.grown((), values, model=model), self.workers)
-        assert found is not None
-        explanation = Explanation(found, agreed=(self.setting.joint, self.profile.best))
-        if clipped:
-            scale, (clearances, speeds) = max(found.scale, ANNEALING[3]), found.fit.values.T
-            plain, paths, begun = self.setting.model(), found.followers, found.fit.values
-            nominal = self.finished.attempt(
-                (), plain, lambda: refine((), plain, paths, begun, scale, 8, self.workers), self.workers
-            )
-            assert nominal is not None
-            explanation.nominal = nominal
-            values = np.column_stack([clearances, np.tile(limits, (len(speeds), 1)), speeds])
-            self.refit(explanation, clipped, found.followers, values, scale)
-        shown = f"clearance {found.fit.values[0, 0] * 1e3:.4f} mm"
-        self.report(f"nominal: misfit {explanation.nominal.misfit:.3g}, {shown}")
-        return explanation
-
-    def _hear(self, measured: Measured) -> bool:
-        """Go on with what accelerometers were found to do; whether they are known much better than before."""
-        before = max(one.widened for one in self.recordings)
-        if measured.covariance is None or not measured.widened < _SURER * before:
-            return False
-        self.recordings = [one.calibrated(measured.sensors, measured.covariance) for one in self.recordings]
-        self.finished.recordings = self.recordings
-        return True
-
-    def _kept(self, seen: Follower) -> list[Start]:
-        """The starts, of which the surest has just been followed from, its sensors calibrated."""
-        surest = int(np.argmin([start.doubt for start in self.starts]))
-        kept = []
-        for r, (start, trace) in enumerate(zip(self.starts, self.traces, strict=True)):
-            follower = start.follower.part(0, start.follower.segments)
-            follower.measured = follower.measured.calibrated(seen.measured.sensors, seen.measured.covariance)
-            if r == surest:
-                first = seen.measured.first - follower.measured.first
-                follower.path.nodes[first : first + seen.segments] = seen.path.nodes
-            kept.append(Start(trace, follower, start.island, 0.0 if r == surest else np.inf))
-        return kept
-
-    def glance(self, model: Model, values: np.ndarray) -> Followed | None:
-        """Some steps through the surest recording, whose clearance counts; nothing if these tell little."""
-        surest = int(np.argmin([start.doubt for start in self.starts]))
-        best, misfit = None, _UNSURE
-        for factor in _FACTORS:
-            row = values[surest] * [factor, 1.0]
-            try:
-                found = grow(self.starts[surest], model, row, most=_GLANCE)
-            except InputError:  # lobes that close the bore
-                continue
-            if found is not None and found[2] < misfit:
-                best, misfit = found, found[2]
-            if misfit < FOLLOWED:
-                break
-        return best
 
     def begin(
         self,
@@ -404,7 +289,7 @@ class Search:
         finally:
             self.recordings = before
 
-    def _retrace_all(self, clearance: float) -> None:
+    def retrace_all(self, clearance: float) -> None:
         """Go on with a clearance [m]: the paths of all recordings."""
         self.clearance = clearance
         machine = self.setting.with_clearance(clearance)

@@ -9,8 +9,8 @@ from clearance.diagnosis.searching.screening import screen
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import SURE
 from clearance.diagnosis.shooting.covariance import deviations
-from clearance.diagnosis.shooting.fit import settle
 from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.settle import settle
 from clearance.errors import InputError
 
 _BACK = (0.8, 0.6, 0.4, 0.2, 0.0)  # of what was found: sizes on the way to off

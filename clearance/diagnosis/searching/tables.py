@@ -26,8 +26,8 @@ from clearance.diagnosis.hypotheses.two_levels import known_levels, levels_of, t
 from clearance.diagnosis.searching.elsewhere import seek_anew
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import Search
-from clearance.diagnosis.shooting.fit import settle
 from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.settle import settle
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.parameters import TABLE_KNOTS
 

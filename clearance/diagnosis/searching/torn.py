@@ -14,8 +14,8 @@ from clearance.diagnosis.searching.beside import beside
 from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import SURE
-from clearance.diagnosis.shooting.fit import settle
 from clearance.diagnosis.shooting.follow import EDGE
+from clearance.diagnosis.shooting.settle import settle
 from clearance.errors import InputError
 
 _STEPS = 8  # in which a stretch is fitted

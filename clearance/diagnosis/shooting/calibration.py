@@ -27,11 +27,12 @@ class Calibration:
         what: the accelerometers may do.
 
     Attributes:
+        plain: the model without.
         model: with these unknowns behind the shared ones.
     """
 
     def __init__(self, model: Model, what: Sequence[Open]) -> None:
-        self.what, self._shared, self._plain = tuple(what), model.shared, model
+        self.what, self._shared, self.plain = tuple(what), model.shared, model
         self._last: tuple[bytes, SliderCrank] | None = None
         unknowns = tuple(
             Unknown(
@@ -55,7 +56,7 @@ class Calibration:
         plain = self.without(row)
         key, last = plain.tobytes(), self._last
         if last is None or last[0] != key:
-            self._last = last = key, self._plain.machine(plain)
+            self._last = last = key, self.plain.machine(plain)
         return last[1]
 
     def sensors(self, row: np.ndarray) -> Instrument:
@@ -96,18 +97,6 @@ class Calibration:
         known = own_rest - across.T @ told
         spread = np.linalg.inv(unit) + told @ np.linalg.pinv(known, hermitian=True) @ told.T
         return known / np.outer(other, other), spread * np.outer(scale, scale)
-
-
-def expected(model: Model, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What is known of a model's shared unknowns before they are fitted: information and score (shared,).
-
-    Both for a change by one step of each, as ``Pass.gram`` has them.
-    """
-    shared = model.unknowns[: model.shared]
-    steps = np.array([model.step(values[0], i) for i in range(len(shared))])
-    weight = np.array([one.within for one in shared]) ** -2.0
-    away = np.array([one.expected for one in shared]) - values[0, : len(shared)]
-    return weight * steps**2, weight * away * steps
 
 
 def calibration_of(followers: Sequence[Follower], model: Model) -> Calibration | None:

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clearance.diagnosis.shooting.fit import Settled, compare, same_coordinates, solve, unsteady
 from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.looks import compare, same_coordinates, solve
 from clearance.diagnosis.shooting.normal_equations import assemble, flatten, solve_bounded, spread
+from clearance.diagnosis.shooting.settle import Settled, unsteady
 from clearance.diagnosis.shooting.stretch import Pass
 
 _STEPS = 4  # at most

@@ -10,7 +10,8 @@ from clearance.diagnosis.hypotheses.hypothesis import gather
 from clearance.diagnosis.sensing.measured import NO_FAULT, Measured
 from clearance.diagnosis.sensing.tolerances import HALF, Tolerances, instrument_of, values_of
 from clearance.diagnosis.shooting.calibration import Calibration
-from clearance.diagnosis.shooting.fit import fit, settle
+from clearance.diagnosis.shooting.fit import fit
+from clearance.diagnosis.shooting.settle import settle
 from clearance.recording.recording import Recording
 from tests.diagnosis.shooting.test_follow import (
     CHAIN,

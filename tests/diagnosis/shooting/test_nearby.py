@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from clearance.diagnosis.shooting.fit import compare, fit, observe, same_coordinates, settle, solve, unsteady
+from clearance.diagnosis.shooting.fit import fit
+from clearance.diagnosis.shooting.looks import compare, observe, same_coordinates, solve
 from clearance.diagnosis.shooting.nearby import settle_nearby
+from clearance.diagnosis.shooting.settle import settle, unsteady
 from tests.diagnosis.shooting.test_follow import MODEL, TRUTH, follower
 
 NOTHING = np.zeros(2)

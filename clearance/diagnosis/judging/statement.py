@@ -1,0 +1,181 @@
+"""What a diagnosis says: the contract's JSON, from what the search found and how it stood the test."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
+from clearance.diagnosis.judging.detectability import seen_beside
+from clearance.diagnosis.judging.held_out import Judged
+from clearance.diagnosis.judging.mismatch import Innovations, interval, root_mean_square, summary
+from clearance.diagnosis.judging.play import clearance_of
+from clearance.diagnosis.judging.sensors import advice, calibration_of, largest
+from clearance.diagnosis.judging.true_seconds import true_speed
+from clearance.diagnosis.judging.verdict import (
+    FITTED,
+    basis_of,
+    effects_of,
+    free_form_of,
+    gone,
+    lost,
+    place_of,
+    probabilities,
+    rivals,
+    unconfirmed,
+    verdict_of,
+)
+from clearance.diagnosis.judging.words import located, sentences
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.searching.significance import p_value
+from clearance.diagnosis.sensing.measured import Measured
+
+METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
+_SHOWS, _MOST = 0.1, 3  # of a channel's mismatch that is worth a word; channels that are named
+
+
+def state(
+    search: Search,
+    explanation: Explanation,
+    judged: Judged,
+    errors: Sequence[Innovations],
+    held_out: Sequence[Measured],
+    joints: dict[str, float],
+    stopped: str,
+) -> dict[str, Any]:
+    """The contract's JSON, but for time and memory.
+
+    Args:
+        search: which is over.
+        explanation: what it found.
+        judged: on held-out recordings.
+        errors: innovations of the nominal machine where it was fitted.
+        held_out: the recordings as they were given.
+        joints: the nominal machine's misfit by joint.
+        stopped: why not everything was tried; empty if it was.
+    """
+    setting, joint, best = search.setting, search.setting.joint, explanation.best
+    where, after = summary(errors), judged.after
+    verdict, basis = verdict_of(explanation, after), basis_of(explanation, after)
+    # at the strikes of a slider that the motion shows loose
+    struck = gone(after, EXPLAINED) if basis == FITTED else []
+    missed = lost(after) if verdict not in ("none", "unknown") and not struck else []
+    fit = {"metric": METRIC, "held_out": _held_out(judged, struck, missed)}
+    body, direction = place_of(explanation, after)
+    (clearance, rests_on), others = clearance_of(explanation), rivals(verdict, explanation)
+    named = effects_of(best, probabilities(explanation), basis) if verdict not in ("none", "unknown") else []
+    sensors = calibration_of(best)
+    score = explanation.hints[0].gain if explanation.hints else None
+    shows = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > _SHOWS][:_MOST]
+    return {
+        "verdict": verdict,
+        "summary": [
+            *sentences(verdict, explanation, joint, fit, shows or list(where["channels"])[:1], after),
+            *located(joints),
+            *([largest(sensors)] if sensors and explained(best) else []),
+        ],
+        "mismatch": {
+            "detected": verdict != "none" and not unconfirmed(explanation, after), "score": score,
+            "p_value": None if score is None else p_value(score, explanation.simulated),
+            "simulations": 0 if explanation.simulated is None else len(explanation.simulated),
+            "body": body, "direction": direction,
+            **where,
+        },
+        "effects": named,
+        "equivalent": [[h.name for h in a.hypotheses] for a in others] if len(others) > 1 else [],
+        "next_experiment": _next_experiment(others, search.recordings[0].channels),
+        "free_form": free_form_of(best, setting, explanation.shaken),
+        "sensors": sensors,
+        "smallest_seen": seen_beside(search, best),
+        "fit": fit,
+        "clearance": {
+            "joint": joint, "misfit_by_joint": joints,
+            "before_m": float(explanation.nominal.fit.values[0, 0]),
+            "after_m": clearance.value, "low_m": clearance.low, "high_m": clearance.high, "basis": rests_on,
+        },
+        "recordings": [
+            {
+                "name": one.name, "seconds": one.seconds, "rate_hz": one.chain.rate,
+                "channels": list(one.channels), "speed_rpm": true_speed(best, r),
+                "held_out_seconds": sum(o.seconds for o in judged.held_out if o.name == one.name),
+            }
+            for r, one in enumerate(search.recordings)
+        ],
+        "warnings": [
+            *_of_signals([*search.recordings, *held_out]),
+            *_of_judging(explanation, judged, struck, missed),
+            *([f"Not everything was tried: {stopped}."] if stopped else []),
+            *(advice(search.recordings) if verdict == "unknown" and not explained(best) else []),
+        ],
+    }  # fmt: skip
+
+
+def _held_out(judged: Judged, struck: Sequence[str], missed: Sequence[str]) -> dict[str, Any]:
+    """Errors on held-out recordings; of those that were lost it is said, and what the others are."""
+    low, high = interval(judged.errors_after)
+    held: dict[str, Any] = {
+        "before": root_mean_square(judged.errors_before), "after": root_mean_square(judged.errors_after),
+        "floor": 1.0, "low": low, "high": high,
+    }  # fmt: skip
+    if struck:
+        held["lost"] = struck
+    if missed:
+        each = zip(judged.errors_after, judged.after.followers, strict=True)
+        held["followed"] = root_mean_square([e for e, one in each if one.measured.name not in missed])
+    if judged.shares:
+        held["shares"] = {name: round(share, 3) for name, share in judged.shares.items()}
+    return held
+
+
+def _of_signals(recordings: Sequence[Measured]) -> list[str]:
+    """Warnings of what was not taken as it was recorded."""
+    each = {one.name: one for one in recordings}.values()
+    return [
+        *(
+            f"{one.name}: left out, for showing nothing but a constant: {', '.join(one.silent)}"
+            for one in each if one.silent
+        ),
+        *(
+            f"{one.name}: its accelerations have no noise to speak of, as simulations have none; 1 % "
+            "of the signal was added, or errors of the simulator would count as something missing."
+            for one in each if one.noiseless
+        ),
+    ]  # fmt: skip
+
+
+def _of_judging(
+    explanation: Explanation, judged: Judged, struck: Sequence[str], missed: Sequence[str]
+) -> list[str]:
+    """Warnings of what held-out recordings do not bear out."""
+    changed = verdict_of(explanation, judged.after) != verdict_of(explanation)
+    return [
+        *(["What explains the fitted recordings does not explain the held-out ones."] if changed else []),
+        *(
+            f"{label} explains the fitted recordings, but held-out ones are explained as well with less."
+            for label in judged.withdrawn
+        ),
+        *(
+            f"{name}: {share:.0%} of what is followed otherwise could be followed of it when held out; "
+            "its errors are of that part."
+            for name, share in judged.shares.items()
+        ),
+        *(
+            f"{name}: what was held out of it could not be followed to its end, and its errors are in "
+            "the held-out number; other held-out recordings are explained."
+            for name in missed
+        ),
+        *(
+            f"{name}: what was held out of it was lost at the slider's strikes, and its errors are in "
+            "the held-out number."
+            for name in struck
+        ),
+    ]
+
+
+def _next_experiment(others: Sequence[Attempt], channels: Sequence[str]) -> str | None:
+    """The recording that would separate explanations which do equally well."""
+    if len(others) < 2:
+        return None
+    lacking = [c for c in ("slider_horizontal", "slider_vertical", "crank_b_transverse") if c not in channels]
+    if lacking:
+        return f"record {lacking[0]} too: these explanations differ there"
+    return "record at a clearly different speed: contact, friction and gravity scale differently with it"

@@ -1,0 +1,381 @@
+"""The steps of the search for an explanation, each a method, and their order."""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from itertools import takewhile
+
+from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.hypotheses.free_form import Curve, unnamed
+from clearance.diagnosis.searching.beside import FAR, NEARLY, SHARED
+from clearance.diagnosis.searching.elsewhere import (
+    begin_again,
+    begin_elsewhere,
+    begin_inside,
+    begin_plausible,
+    rhythm_of,
+)
+from clearance.diagnosis.searching.explanation import Explanation, Suspected
+from clearance.diagnosis.searching.free_search import (
+    fit_curve,
+    name_curve,
+    reshape,
+    reshape_anew,
+    suggest_curve,
+)
+from clearance.diagnosis.searching.from_motion import (
+    begin_balanced,
+    begin_beside,
+    begin_clock,
+    begin_dimensions,
+    begin_displaced,
+    begin_pairs,
+    begin_wear,
+)
+from clearance.diagnosis.searching.geometry import (
+    GEOMETRIC,
+    LOOSE_GUIDE,
+    Dimension,
+    suggest_channels,
+    suggest_dimensions,
+)
+from clearance.diagnosis.searching.parts import PART, in_part, named, set_aside, unfinished
+from clearance.diagnosis.searching.rattling import begin_guide
+from clearance.diagnosis.searching.screening import Hint
+from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.searching.shaken import begin_frame
+from clearance.diagnosis.searching.simplify import enlarge
+from clearance.diagnosis.searching.wear import WORN
+from clearance.diagnosis.searching.widen import deafen, glaring, look, settled, widen
+from clearance.diagnosis.searching.work import Balanced
+
+_HALF = 0.5  # of what is missing: a named force that leaves less may stand for one without a name
+_FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
+_MANY, _ACCUSED = 7, 0.4  # channels of which one can be spared; left of the motion's disagreement without it
+_PAIRS = 3  # pairs that are fitted
+
+
+def search_all(
+    search: Search, explanation: Explanation, most: int, keep: Callable[[Explanation], None]
+) -> None:
+    """Try one step after another until the recordings are explained; arguments as of ``find_explanation``."""
+    course = Course(search, explanation, most)
+    for step in STEPS:
+        if not course.over():
+            step(course)
+            keep(explanation)
+    best = explanation.best
+    if unnamed(best.hypotheses) is not None and (explained(best) or not search.late()):
+        name_curve(search, explanation)
+
+
+class Course:
+    """One search from the nominal machine on: each step is a method, which adds to the explanation.
+
+    Attributes:
+        prospects: what a linear look beside the nominal path promises.
+        built_on: attempts beside which others were looked for.
+        waiting: forces of free form that another step has suggested and not fitted.
+        pushed: forces that the balance of work suggests.
+        deafened: channels without which a fit was tried.
+        displaced: the dimension that was tried first.
+        curved, explored: whether forces of free form, and effects that no linear look can judge, were tried.
+    """
+
+    def __init__(self, search: Search, explanation: Explanation, most: int) -> None:
+        self.search, self.explanation, self.most = search, explanation, most
+        self.nominal = explanation.nominal
+        self.prospects = look(search, explanation, self.nominal)
+        self.built_on: list[Attempt] = []
+        self.waiting: list[Curve] = []
+        self.pushed: list[Balanced] = []
+        self.deafened: list[str] = []
+        self.displaced: Dimension | None = None
+        self.curved = self.explored = False
+
+    def over(self) -> bool:
+        """Whether the recordings are explained well enough, or time is over."""
+        return _enough(self.explanation) or self.search.late()
+
+    def frame(self) -> None:
+        """A frame that gives way."""
+        begin_frame(self.search, self.explanation)
+
+    def obvious(self) -> None:
+        """What promises most of what is missing beside the nominal path."""
+        if self.prospects.obvious:
+            self._widen(self.prospects.obvious)
+            self.deafened.extend(
+                c for h in self.prospects.obvious if (c := h.hypotheses[0].channel) is not None
+            )
+
+    def cushion(self) -> None:
+        """What acts inside a joint whose gap was closed, as a film does."""
+        if self.explanation.shut(self.nominal):  # a sensor that says little of impacts does much of that, too
+            begin_inside(self.search, self.explanation, self.nominal)
+
+    def clock(self) -> None:
+        """A recorder's clock by which the motion agrees better."""
+        if self.nominal.misfit > FAR:
+            begin_clock(self.search, self.explanation)
+
+    def sensor(self) -> None:
+        """A sensor that alone contradicts the nominal machine, or the motion."""
+        channel = glaring(self.nominal)
+        spared = len(self.search.recordings[0].channels) >= _MANY
+        if channel is None and self.nominal.misfit > FAR and spared:
+            channel = next((c for c, left in self._suspicious.items() if left < _ACCUSED), None)
+        if channel is not None:
+            self.deafened.append(channel)
+            deafen(self.search, self.explanation, self.nominal, channel)
+
+    def dimension(self) -> None:
+        """A dimension without which the motion hardly agrees."""
+        if self.nominal.misfit > FAR:
+            self.displaced = begin_displaced(self.search, self.explanation, self._dimensions, self.most)
+
+    def balance(self) -> None:
+        """Where the path is far, what gives the torque that the motion needs."""
+        if self.nominal.misfit >= NEARLY:
+            self.pushed.extend(begin_balanced(self.search, self.explanation, self.most))
+            best = self.explanation.best
+            # a table that leaves little, or has another period by now, is more than what led its path
+            table = unnamed(best.hypotheses) is not None
+            told = table and (best.misfit < PART * self.nominal.misfit or rhythm_of(best) is not None)
+            if told and not self.over():
+                begin_again(self.search, self.explanation)
+
+    def lead(self) -> None:
+        """Beside a name that the work led to, of which no table says more: it may be one of two."""
+        self.build_on(PART if unnamed(self.explanation.best.hypotheses) is not None else SHARED)
+
+    def plain(self) -> None:
+        """Single effects that promise much of what is missing."""
+        self._widen(self.prospects.plain)
+
+    def motion(self) -> None:
+        """A guide that is loose, and dimensions that the motion alone points at."""
+        if self.explanation.rails is None:  # on a frame that gives way they were looked for before
+            part = unfinished(self.explanation, self.most)
+            drives = part in self.built_on and part.hypotheses[0].name not in GEOMETRIC and _sound(part)
+            begin_guide(self.search, self.explanation, None, part if drives else None)
+        if not self._settled():
+            begin_dimensions(self.search, self.explanation, self._dimensions, self.displaced, self.most)
+
+    def curve_near(self) -> None:
+        """Forces of free form beside a near path, where a look has judged names and tells bodies apart."""
+        near = self.nominal.misfit < NEARLY
+        if near and not in_part(self.explanation, named(self.explanation), self.nominal, PART):
+            self.curve()
+
+    def joint(self) -> None:
+        """What acts inside the joint, from plausible sizes, and sensors that the motion points at."""
+        if self._settled():
+            return
+        if not self.explanation.shut(self.nominal):
+            begin_inside(self.search, self.explanation, self.nominal)
+        for channel in self._accused:
+            if channel not in self.deafened and not self._settled():
+                deafen(self.search, self.explanation, self.nominal, channel)
+
+    def together(self) -> None:
+        """Pairs that give the torque which the motion needs."""
+        if self.most > 1 and self.nominal.misfit > FAR and not (self.built_on or self._settled()):
+            begin_pairs(self.search, self.explanation, self.pushed)
+
+    def balance_near(self) -> None:
+        """The same as ``balance`` where names are cheaper by a look, and tables finer here than there."""
+        if self.nominal.misfit < NEARLY and not self._settled():
+            self.pushed.extend(begin_balanced(self.search, self.explanation, self.most))
+
+    def inside(self) -> None:
+        """Where no force gives the torque, a worn bearing, and effects that no linear look can judge."""
+        unpushed = self.explanation.unpushed
+        if unpushed or any(hint.hypotheses[0].name == WORN for hint in self.prospects.promising):
+            begin_wear(self.search, self.explanation, self.nominal)
+        if unpushed and self.nominal.misfit > FAR and not self._settled():
+            self.elsewhere()
+
+    def likely(self) -> None:
+        """Effects and faults that promise a good part."""
+        self._widen(self.prospects.likely)
+
+    def reshaped(self) -> None:
+        """In the place of a name that explains half, a force of free form."""
+        best = self.explanation.best
+        half = best.misfit - 1.0 < _HALF * (self.nominal.misfit - 1.0)
+        if half and unnamed(best.hypotheses) is None and best not in self.built_on and not self._settled():
+            reshape(self.search, self.explanation, best)
+
+    def plausible(self) -> None:
+        """Effects from plausible sizes."""
+        if not (self.built_on or self._settled()):
+            begin_plausible(self.search, self.explanation, self.nominal)
+
+    def unlikely(self) -> None:
+        """Effects that promised little: beside a path that is far from right none promises much."""
+        self._widen([h for h in self.prospects.unlikely if h.hypotheses[0].fault is None])
+
+    def curve(self) -> None:
+        """Forces of free form on the slider, or with which most of one recording is explained."""
+        if self.curved or self._settled():
+            return
+        self.curved = True
+        found, misfit = suggest_curve(self.search, self.nominal)
+        if found:
+            self.explanation.suspected = Suspected(found[0].body, found[0].direction, misfit)
+        near = max(NEARLY, PART * self.nominal.misfit)
+        if misfit < near or (found and found[0].body == "slider"):
+            fit_curve(self.search, self.explanation, found)
+        else:
+            self.waiting.extend(found)
+
+    def elsewhere(self) -> None:
+        """Effects that no linear look can judge, unless they were looked for beside a part."""
+        if not (self.built_on or self.explored):
+            self.explored = True
+            begin_elsewhere(self.search, self.explanation, self.nominal)
+
+    def share(self) -> None:
+        """Beside what explains a share only."""
+        self.build_on(SHARED)
+
+    def unlikely_faults(self) -> None:
+        """Faults that promised little."""
+        self._widen([h for h in self.prospects.unlikely if h.hypotheses[0].fault is not None])
+
+    def pair(self) -> None:
+        """Pairs of which neither shows without the other."""
+        for hint in self.prospects.pairs[:_PAIRS]:
+            if not self._settled():
+                self.search.follow(self.explanation, self.nominal, hint)
+
+    def other_curve(self) -> None:
+        """Forces of free form that waited."""
+        if not self._settled():
+            fit_curve(self.search, self.explanation, self.waiting)
+
+    def again(self) -> None:
+        """The best so far on paths of its own."""
+        if self.explanation.best is not self.nominal:
+            begin_again(self.search, self.explanation)
+
+    def build_on(self, part: float = PART) -> None:
+        """Beside what explains a good part, the next one, and so on."""
+        with set_aside(self.explanation, self.most):
+            before, base = self.nominal, unfinished(self.explanation, self.most)
+            while (
+                base not in self.built_on
+                and in_part(self.explanation, base, before, part)
+                and len(base.hypotheses) < self.most
+            ):
+                self.built_on.append(base)
+                if base is self.explanation.best:
+                    enlarge(self.search, self.explanation)
+                    if self.explanation.best is not base and not self.over():
+                        begin_again(self.search, self.explanation)  # the smaller variant may have torn paths
+                if self.over():
+                    return
+                beside = self._try_beside(unfinished(self.explanation, self.most))
+                if beside is None:
+                    return
+                before, base = beside, unfinished(self.explanation, self.most)
+
+    def _try_beside(self, base: Attempt) -> Attempt | None:
+        """Try what may be missing beside an attempt, or beside a better one that a table in its place led to.
+
+        Returns:
+            The attempt beside which it was tried; ``None`` where that is enough.
+        """
+        search, explanation = self.search, self.explanation
+        beside, tables = look(search, explanation, base), list[Attempt]()
+        if base is explanation.best and not beside.obvious:  # else something is there beside the name
+            tables = reshape(search, explanation, base)
+            if self.over():
+                return None
+            if base is not unfinished(explanation, self.most):
+                base = unfinished(explanation, self.most)
+                beside = look(search, explanation, base)
+        begin_beside(search, explanation, base)
+        if self._settled(base):
+            return None
+        self._widen_beside(base, beside.promising)
+        further = explanation.best is not base and unnamed(explanation.best.hypotheses) is None
+        if further and not self._settled(base):
+            begin_again(search, explanation)
+        if beside.obvious and base is explanation.best and not self._settled(base):
+            tables = reshape(search, explanation, base)
+        if not self._settled(base):
+            reshape_anew(search, explanation, base, tables)
+        if base.misfit > FAR and not self._settled(base):
+            begin_inside(search, explanation, base)
+        if not self._settled(base):
+            begin_elsewhere(search, explanation, base)
+        return base
+
+    def _widen_beside(self, base: Attempt, hopeful: Sequence[Hint]) -> None:
+        """Try what promises something beside an attempt, and lobes before what promises less than they do.
+
+        Lobes take up much of what promises more.
+        """
+        first = list(takewhile(lambda hint: hint.hypotheses[0].name != WORN, hopeful))
+        widen(self.search, self.explanation, base, first)
+        if len(first) < len(hopeful) and not self._settled(base):
+            begin_wear(self.search, self.explanation, base)
+            widen(self.search, self.explanation, base, hopeful[len(first) :])
+
+    def _widen(self, hints: Sequence[Hint]) -> None:
+        widen(self.search, self.explanation, self.nominal, hints)
+
+    def _settled(self, base: Attempt | None = None) -> bool:
+        return settled(self.search, self.explanation, base or self.nominal)
+
+    @cached_property
+    def _suspicious(self) -> dict[str, float]:
+        return suggest_channels(self.search)
+
+    @property
+    def _accused(self) -> dict[str, float]:
+        return dict(list(self._suspicious.items())[:_FAULTS])
+
+    @cached_property
+    def _dimensions(self) -> list[Dimension]:
+        return suggest_dimensions(self.search, self._accused)
+
+
+STEPS: tuple[Callable[[Course], None], ...] = (
+    Course.frame, Course.build_on, Course.obvious, Course.build_on, Course.cushion, Course.clock,
+    Course.sensor, Course.build_on, Course.dimension, Course.build_on, Course.balance, Course.lead,
+    Course.plain, Course.motion, Course.curve_near, Course.joint, Course.build_on, Course.together,
+    Course.build_on, Course.balance_near, Course.inside, Course.likely, Course.build_on, Course.reshaped,
+    Course.plausible, Course.build_on, Course.unlikely, Course.build_on, Course.curve, Course.elsewhere,
+    Course.build_on, Course.share, Course.unlikely_faults, Course.build_on, Course.pair, Course.build_on,
+    Course.other_curve, Course.again, Course.build_on,
+)  # fmt: skip
+"""What is likely and cheap first, what is rare and dear last; what explains a part is built on at once."""
+
+
+def _enough(explanation: Explanation) -> bool:
+    """Whether the recordings are explained, or a table leaves so little that its shape alone is missing.
+
+    It is not that where a finer table leaves no less. Without the play that its motion shows no machine is
+    followed.
+    """
+    best = explanation.best
+    table = unnamed(best.hypotheses) is not None and not _refined(explanation, best)
+    if explanation.rails is not None and not any(_loose(a) for a in explanation.attempts):
+        return True
+    return explained(best) or (table and best.misfit < min(PART * explanation.nominal.misfit, NEARLY))
+
+
+def _refined(explanation: Explanation, best: Attempt) -> bool:
+    """Whether a table with more knots was fitted in the place of the best one."""
+    label, knots = best.label, best.model.shared
+    return any(a.label == label and a.model.shared > knots for a in explanation.attempts)
+
+
+def _sound(attempt: Attempt) -> bool:
+    return all(hypothesis.fault is None for hypothesis in attempt.hypotheses)
+
+
+def _loose(attempt: Attempt) -> bool:
+    return any(hypothesis.name == LOOSE_GUIDE for hypothesis in attempt.hypotheses)

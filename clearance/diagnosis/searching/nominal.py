@@ -1,0 +1,147 @@
+"""The nominal machine, refitted first: nobody gets credit for a nuisance parameter.
+
+The motion alone suggests a clearance. A glance, some steps along the surest recording, says how right it is;
+where it moves it, the paths of all recordings are sought anew. Then all are followed and fitted.
+"""
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import ANNEALING, FOLLOWED, refine
+from clearance.diagnosis.following.growth import Followed, Start, grow
+from clearance.diagnosis.hypotheses.clipping import clipped_sensors
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.search import PATIENCE, Search
+from clearance.diagnosis.sensing.measured import Measured
+from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.model import Model
+from clearance.errors import InputError
+
+_GLANCES, _GLANCE = 3, 40  # glances at the clearance, and segments of each
+_FACTORS = (1.0, 0.95, 1.05)  # on it, tried one after another
+_SURER = 0.7  # of the doubt about accelerometers before: less asks for new paths
+_SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on looks tell little
+
+
+def refit_nominal(search: Search) -> Explanation:
+    """Refit the nominal machine to all recordings, whose paths the search has traced.
+
+    What accelerometers may do within their tolerances leads the clearance of the motion astray. Where a
+    fit that is far off has moved it, paths are sought anew from there, once.
+    """
+    explanation = _refitted(search)
+    clearance = float(explanation.nominal.fit.values[0, 0])
+    astray = explanation.nominal.misfit > _UNSURE and abs(np.log(clearance / search.clearance)) > _SAME
+    if search.recordings[0].raw is None or not astray or search.late():
+        return explanation
+    before = search.clearance, search.traces, search.starts, search.recordings
+    search.retrace_all(clearance)
+    other = _refitted(search)
+    if other.nominal.misfit < explanation.nominal.misfit:
+        return other
+    search.clearance, search.traces, search.starts, search.recordings = before
+    return explanation
+
+
+def _refitted(search: Search) -> Explanation:
+    """The nominal machine, from the clearance that glances end at.
+
+    Sensors that stop at a limit show it: with these limits it is followed first.
+    """
+    clipped = clipped_sensors(search.recordings, search.groups.values())
+    limits = [float(one.start[0]) for one in clipped]
+    known = np.array([search.clearance, *limits, search.traces[0].speed])
+    model = search.setting.model(clipped).only([0, len(known) - 1], known)
+    values = _find_starts(search, model)
+    found = search.finished.attempt((), model, lambda: search.grown((), values, model=model), search.workers)
+    assert found is not None
+    explanation = Explanation(found, agreed=(search.setting.joint, search.profile.best))
+    if clipped:
+        scale, (clearances, speeds) = max(found.scale, ANNEALING[3]), found.fit.values.T
+        plain, paths, begun = search.setting.model(), found.followers, found.fit.values
+        nominal = search.finished.attempt(
+            (), plain, lambda: refine((), plain, paths, begun, scale, 8, search.workers), search.workers
+        )
+        assert nominal is not None
+        explanation.nominal = nominal
+        limited = np.column_stack([clearances, np.tile(limits, (len(speeds), 1)), speeds])
+        search.refit(explanation, clipped, found.followers, limited, scale)
+    shown = f"clearance {found.fit.values[0, 0] * 1e3:.4f} mm"
+    search.report(f"nominal: misfit {explanation.nominal.misfit:.3g}, {shown}")
+    return explanation
+
+
+def _find_starts(search: Search, model: Model) -> np.ndarray:
+    """Where recordings are followed from, looked for anew where a glance moves the clearance.
+
+    Returns:
+        (recordings, 2) clearance and speed to begin with.
+    """
+    kept: list[Start] = []
+    for glance in range(_GLANCES + 1):
+        values = np.array([[search.clearance, trace.speed] for trace in search.traces])
+        search.starts = search.finished.starts(
+            search.traces,
+            lambda values=values, kept=kept: search.begin(  # type: ignore[misc]
+                search.traces, model, values, 0, kept
+            ),
+        )
+        if glance == _GLANCES:
+            break
+        seen = search.finished.followed(
+            "glance",
+            lambda values=values: _glanced(search, model, values),  # type: ignore[misc]
+        )
+        clearance = search.clearance if seen is None else float(seen[1][0])
+        surer = seen is not None and _heard(search, seen[0].measured)
+        if abs(np.log(clearance / search.clearance)) < _SAME and not surer:
+            break
+        search.retrace_all(clearance)
+        kept = _kept(search, seen[0]) if seen is not None and surer else []
+    values[:, 0] = search.clearance
+    if min(start.doubt for start in search.starts) < FOLLOWED:
+        # the machine is right, or nearly: others that are lost are worth patience
+        search.starts = search.finished.starts(
+            search.traces, lambda: search.begin(search.traces, model, values, PATIENCE, search.starts)
+        )
+    return values
+
+
+def _glanced(search: Search, model: Model, values: np.ndarray) -> Followed | None:
+    """Some steps through the surest recording, whose clearance counts; nothing if these tell little."""
+    surest = int(np.argmin([start.doubt for start in search.starts]))
+    best, misfit = None, _UNSURE
+    for factor in _FACTORS:
+        row = values[surest] * [factor, 1.0]
+        try:
+            found = grow(search.starts[surest], model, row, most=_GLANCE)
+        except InputError:  # lobes that close the bore
+            continue
+        if found is not None and found[2] < misfit:
+            best, misfit = found, found[2]
+        if misfit < FOLLOWED:
+            break
+    return best
+
+
+def _heard(search: Search, measured: Measured) -> bool:
+    """Go on with what accelerometers were found to do; whether they are known much better than before."""
+    before = max(one.widened for one in search.recordings)
+    if measured.covariance is None or not measured.widened < _SURER * before:
+        return False
+    search.recordings = [one.calibrated(measured.sensors, measured.covariance) for one in search.recordings]
+    search.finished.recordings = search.recordings
+    return True
+
+
+def _kept(search: Search, seen: Follower) -> list[Start]:
+    """The starts, of which the surest has just been followed from, its sensors calibrated."""
+    surest = int(np.argmin([start.doubt for start in search.starts]))
+    kept = []
+    for r, (start, trace) in enumerate(zip(search.starts, search.traces, strict=True)):
+        follower = start.follower.part(0, start.follower.segments)
+        follower.measured = follower.measured.calibrated(seen.measured.sensors, seen.measured.covariance)
+        if r == surest:
+            first = seen.measured.first - follower.measured.first
+            follower.path.nodes[first : first + seen.segments] = seen.path.nodes
+        kept.append(Start(trace, follower, start.island, 0.0 if r == surest else np.inf))
+    return kept

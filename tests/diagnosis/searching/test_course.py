@@ -1,0 +1,371 @@
+"""In which order steps are tried, and when the search goes on."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.hypotheses.free_form import FREE_FORM
+from clearance.diagnosis.searching import scrutiny
+from clearance.diagnosis.searching.beside import SHARED
+from clearance.diagnosis.searching.course import _enough, search_all
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.free_search import reshape_anew
+from clearance.diagnosis.searching.parts import PART, in_part, named, set_aside, unfinished
+from clearance.diagnosis.searching.scrutiny import _compare_kinds
+from clearance.diagnosis.searching.significance import unsettled
+from clearance.diagnosis.searching.widen import Prospects
+from tests.diagnosis.judging.test_verdict import attempt
+
+
+@pytest.fixture(autouse=True)
+def still(monkeypatch):
+    """A frame that no sensor feels shaking, and no force that the balance names beside a part."""
+    for name in ("begin_frame", "begin_beside"):
+        monkeypatch.setattr(f"clearance.diagnosis.searching.course.{name}", lambda *_: None)
+
+
+@pytest.mark.parametrize(
+    ("nominal", "gain", "small", "expected"),
+    [
+        (1.02, 10.0, [], False),  # nothing is missing
+        (1.02, 200.0, [], True),
+        (1.19, 200.0, [1.18], True),  # a second clearance was taken for a heavier rod
+        (1.19, 200.0, [1.01], False),
+        (1.06, 200.0, [1.04], False),  # what a right model may leave
+        (50.0, 200.0, [], False),
+    ],
+)
+def test_something_small_that_leaves_most_does_not_end_the_search(nominal, gain, small, expected):
+    attempts = [attempt(["rod_inertia"], misfit) for misfit in small]
+    explanation = Explanation(attempt([], nominal), attempts, [SimpleNamespace(gain=gain)])
+    assert unsettled(explanation) == expected
+
+
+@pytest.mark.parametrize(
+    ("nominal", "misfit", "finer", "expected"),
+    [
+        (200.0, 1.2, None, True), (200.0, 3.0, None, True), (200.0, 15.0, None, False),
+        (8.0, 3.0, None, False),
+        (200.0, 3.0, 3.4, False),  # more knots do not help: it is no matter of its shape
+        (200.0, 3.0, 2.0, True),
+    ],
+)  # fmt: skip
+def test_a_table_ends_the_search_where_only_its_shape_can_be_missing(nominal, misfit, finer, expected):
+    tables = [attempt(["free_form"], one) for one in (misfit, finer) if one is not None]
+    for knots, table in zip((6, 12), tables, strict=False):
+        table.label, table.model.shared = "free_form(crank torque)", 1 + knots
+    assert _enough(Explanation(attempt([], nominal), tables)) == expected
+
+
+@pytest.mark.parametrize(
+    ("misfit", "channels", "left", "expected"),
+    [
+        (400.0, 7, 0.3, ["rod_b_axial"]),
+        (400.0, 7, 0.45, []),  # the motion does not agree much better without it
+        (400.0, 4, 0.3, []),  # none of four can be spared
+        (10.0, 7, 0.3, []),  # the nominal path is near: other looks are cheaper
+    ],
+)
+def test_a_sensor_that_the_motion_accuses_comes_before_forces(monkeypatch, misfit, channels, left, expected):
+    asked = []
+    nominal = attempt([], misfit)
+    search = SimpleNamespace(
+        recordings=[SimpleNamespace(channels=("rod_b_axial",) * channels)], late=lambda: len(asked) > 0
+    )
+    course = "clearance.diagnosis.searching.course."
+    monkeypatch.setattr(course + "look", lambda *_: Prospects([], [], [], [], []))
+    monkeypatch.setattr(course + "glaring", lambda _: None)
+    for name in ("begin_clock", "begin_displaced", "suggest_dimensions"):
+        monkeypatch.setattr(course + name, lambda *_: None)
+    monkeypatch.setattr(course + "suggest_channels", lambda _: {"rod_b_axial": left})
+    monkeypatch.setattr(course + "deafen", lambda *of: asked.append(of[3]))
+    monkeypatch.setattr(course + "begin_balanced", lambda *_: asked.append("balance") or [])
+    search_all(search, Explanation(nominal), 3, lambda _: None)
+    assert asked == [*expected, *([] if expected else ["balance"])]
+
+
+def test_kinds_of_a_sensors_fault_are_compared_up_to_the_one_that_was_found(monkeypatch):
+    refitted = []
+    nominal, delay = attempt([], 1.1), attempt(["sensor_delay"], 1.0)
+    kinds = [SimpleNamespace(name=f"sensor_{kind}") for kind in ("resonance", "delay", "gain")]
+    monkeypatch.setattr(scrutiny, "kinds", lambda *_: [(kind, np.ones(1), 1.0) for kind in kinds])
+    monkeypatch.setattr(scrutiny, "beside", lambda base, held, values: (held, values))
+    nominal.followers, nominal.scale = [], 1.0
+    search = SimpleNamespace(late=lambda: False, refit=lambda _, held, *more: refitted.append(held[0].name))
+    for channel, expected in ((None, []), ("rod_c_axial", ["sensor_resonance"])):
+        delay.hypotheses[0].channel = channel
+        _compare_kinds(search, Explanation(nominal, [delay]), nominal)
+        assert refitted == expected
+
+
+@pytest.mark.parametrize(("misfit", "expected"), [(1.02, []), (5.0, ["sensor_gain + worn_bearing"])])
+def test_two_parts_that_do_not_explain_are_followed_on_paths_of_their_own(monkeypatch, misfit, expected):
+    again = []
+    nominal = attempt([], 40.0)
+    explanation = Explanation(nominal, [attempt(["sensor_gain"], 11.0)])
+
+    def widen(search, explanation, base, hints):
+        if base is not nominal:
+            pair = attempt(["sensor_gain", "worn_bearing"], misfit)
+            pair.label = "sensor_gain + worn_bearing"
+            explanation.attempts.append(pair)
+
+    course = "clearance.diagnosis.searching.course."
+    prospects = Prospects([], [], [], [], [])
+    for name in ("glaring", "enlarge", "reshape", "reshape_anew", "begin_elsewhere", "begin_clock"):
+        monkeypatch.setattr(course + name, lambda *_: None)
+    monkeypatch.setattr(course + "look", lambda *_: prospects)
+    monkeypatch.setattr(course + "widen", widen)
+    monkeypatch.setattr(course + "begin_again", lambda _, found: again.append(found.best.label))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(again) > 0)
+    search_all(search, explanation, 3, lambda _: None)
+    assert again == expected
+
+
+@pytest.mark.parametrize(
+    ("obvious", "expected"),
+    [(True, ["balance", "beside", "table"]), (False, ["table", "balance", "beside"])],
+)
+def test_what_promises_most_beside_a_part_comes_before_a_table_in_its_place(
+    monkeypatch, fruitless, obvious, expected
+):
+    asked = []
+    nominal, gravity = attempt([], 40.0), attempt(["gravity"], 2.0)
+    hint = SimpleNamespace(hypotheses=(SimpleNamespace(name="soft_drive", fault=None, channel=None),))
+    beside = Prospects([hint], [], [], [], []) if obvious else Prospects([], [hint], [], [], [])
+    none = Prospects([], [], [], [], [])
+    monkeypatch.setattr(fruitless + "look", lambda _, __, base: none if base is nominal else beside)
+    monkeypatch.setattr(fruitless + "reshape", lambda *_: asked.append("table"))
+    monkeypatch.setattr(fruitless + "begin_beside", lambda *_: asked.append("balance"))
+    monkeypatch.setattr(fruitless + "widen", lambda *of: asked.append("beside") if of[3] == [hint] else None)
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(asked) > 2)
+    search_all(search, Explanation(nominal, [gravity]), 3, lambda _: None)
+    assert asked[:3] == expected
+
+
+def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkeypatch):
+    asked = []
+    nominal, gravity = attempt([], 40.0), attempt(["gravity"], 2.0)
+    hints = [
+        SimpleNamespace(hypotheses=(SimpleNamespace(name=name, fault=None),))
+        for name in ("slider_offset", "worn_bearing", "guide_friction")
+    ]
+    course = "clearance.diagnosis.searching.course."
+    for name in (
+        "glaring", "enlarge", "reshape", "reshape_anew", "begin_elsewhere", "begin_again", "begin_clock",
+        "begin_displaced", "suggest_channels", "suggest_dimensions",
+    ):  # fmt: skip
+        monkeypatch.setattr(course + name, lambda *_: {})
+    none = Prospects([], [], [], [], [])
+    monkeypatch.setattr(
+        course + "look",
+        lambda _, __, base: none if base is nominal else Prospects([], hints[:1], hints[1:], [], []),
+    )
+    monkeypatch.setattr(
+        course + "widen", lambda _, __, ___, some: asked.append([h.hypotheses[0].name for h in some])
+    )
+    monkeypatch.setattr(course + "begin_wear", lambda *_: asked.append("wear"))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(asked) > 2)
+    search_all(search, Explanation(nominal, [gravity]), 3, lambda _: None)
+    assert asked == [["slider_offset"], "wear", ["worn_bearing", "guide_friction"]]
+
+
+@pytest.mark.parametrize(
+    ("names", "misfit", "part", "expected"),
+    [
+        (["slider_offset"], 10.1, PART, True),  # a rod that bends was missing beside it
+        (["slider_offset"], 14.0, PART, False),
+        (["slider_offset"], 14.0, SHARED, True),
+        (["rod_inertia"], 10.1, PART, False),
+        (["rod_inertia"], 7.0, PART, True),
+        (["rod_inertia"], 8.2, PART, True),  # noise leaves 1.0 in any case
+        (["rod_inertia"], 1.1, PART, False),  # nothing is left
+        (["joint_lubrication"], 13.0, SHARED, True),  # a drive that gives way was missing beside it
+        (["joint_lubrication"], 17.0, SHARED, False),
+        ([FREE_FORM], 7.0, PART, False),
+        ([], 7.0, PART, False),
+    ],
+)
+def test_a_good_part_of_what_is_missing_is_built_on(names, misfit, part, expected):
+    nominal = attempt([], 25.2)
+    assert in_part(Explanation(nominal), attempt(names, misfit), nominal, part) == expected
+
+
+@pytest.mark.parametrize(("misfit", "first"), [(1.8, "soft_drive"), (1.02, "soft_drive + rod_inertia")])
+def test_two_effects_that_do_not_explain_keep_nobody_from_looking_beside_the_first(misfit, first):
+    drive, pair = attempt(["soft_drive"], 2.7), attempt(["soft_drive", "rod_inertia"], misfit)
+    explanation = Explanation(attempt([], 37.8), [drive, pair])
+    assert unfinished(explanation, 2) is drive
+    assert unfinished(explanation, 3) is pair
+    assert explanation.best is pair
+    with set_aside(explanation, 2):
+        assert explanation.best.label == first
+    assert explanation.best is pair
+
+
+@pytest.mark.parametrize(("left", "anew"), [(14.7, True), (30.0, False)])
+def test_a_table_in_an_effect_s_place_is_sought_anew_where_its_path_is_far(monkeypatch, left, anew):
+    """On the torn path of viscous friction a table of the velocity leaves more than the friction does."""
+    asked = []
+    monkeypatch.setattr(
+        "clearance.diagnosis.searching.free_search.seek_anew",
+        lambda search, found, held, values, table, again: asked.append(table),
+    )
+    search = SimpleNamespace(late=lambda: False)
+    friction, table = attempt(["guide_friction"], 11.2), attempt([FREE_FORM], left)
+    table.fit.values = None
+    reshape_anew(search, Explanation(attempt([], 891.0), [friction, table]), friction, [table])
+    assert asked == ([table] if anew else [])
+    near = attempt(["guide_friction"], 2.0)
+    reshape_anew(search, Explanation(attempt([], 891.0), [near, table]), near, [table])
+    assert len(asked) == anew
+
+
+@pytest.fixture
+def fruitless(monkeypatch):
+    """Every step finds nothing; returns the name of their module."""
+    course = "clearance.diagnosis.searching.course."
+    for name in (
+        "glaring", "enlarge", "reshape", "reshape_anew", "begin_elsewhere", "begin_again", "begin_inside",
+        "begin_guide", "begin_clock", "begin_dimensions", "begin_displaced", "begin_wear", "begin_plausible",
+        "widen", "fit_curve",
+    ):  # fmt: skip
+        monkeypatch.setattr(course + name, lambda *_: None)
+    for name in ("begin_balanced", "begin_pairs"):
+        monkeypatch.setattr(course + name, lambda *_: [])
+    monkeypatch.setattr(course + "suggest_channels", lambda _: {})
+    monkeypatch.setattr(course + "suggest_dimensions", lambda *_: [])
+    monkeypatch.setattr(course + "suggest_curve", lambda *_: ([], np.inf))
+    prospects = Prospects([], [], [], [], [])
+    monkeypatch.setattr(course + "look", lambda *_: prospects)
+    return course
+
+
+@pytest.mark.parametrize(("left", "expected"), [(700.0, True), (15.0, False)])
+def test_what_acts_inside_the_joint_is_tried_beside_a_part_that_is_far(
+    monkeypatch, fruitless, left, expected
+):
+    asked, nominal, clock = [], attempt([], 8000.0), attempt(["timebase"], left)
+    monkeypatch.setattr(fruitless + "begin_inside", lambda _, __, base: asked.append(base))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
+    search_all(search, Explanation(nominal, [clock]), 2, lambda _: None)
+    assert (clock in asked) == expected
+    assert nominal in asked
+
+
+@pytest.mark.parametrize(
+    ("misfit", "found", "order"),
+    [
+        (10.0, [], ["balance", "names", "curve"]),
+        (2.5, [], ["names", "curve", "balance"]),
+        (3.9, [attempt(["gravity"], 1.7)], ["names", "balance", "curve"]),  # it may be one of two
+    ],
+)
+def test_beside_a_far_path_the_balance_of_work_comes_first_beside_a_near_one_plain_names_then_curves(
+    monkeypatch, fruitless, misfit, found, order
+):
+    asked = []
+    monkeypatch.setattr(fruitless + "begin_balanced", lambda *_: asked.append("balance") or [])
+    monkeypatch.setattr(fruitless + "widen", lambda *_: asked.append("names"))
+    monkeypatch.setattr(fruitless + "suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
+    search_all(search, Explanation(attempt([], misfit), list(found)), 3, lambda _: None)
+    assert asked.count("balance") == asked.count("curve") == 1
+    assert list(dict.fromkeys(asked)) == order
+
+
+def test_what_promises_most_comes_before_the_balance_of_work_and_no_dimension_is_tried_twice(
+    monkeypatch, fruitless
+):
+    asked = []
+    tried, other = [
+        SimpleNamespace(hypothesis=SimpleNamespace(name=name))
+        for name in ("slider_offset", "second_clearance")
+    ]
+    hint = SimpleNamespace(hypotheses=(SimpleNamespace(name="gravity", fault=None, channel=None),))
+    monkeypatch.setattr(fruitless + "look", lambda *_: Prospects([hint], [], [], [], []))
+    monkeypatch.setattr(fruitless + "widen", lambda *of: asked.append("obvious") if of[3] == [hint] else None)
+    monkeypatch.setattr(fruitless + "suggest_dimensions", lambda *_: [tried, other])
+    monkeypatch.setattr(fruitless + "begin_displaced", lambda *_: asked.append("displaced") or tried)
+    monkeypatch.setattr(fruitless + "begin_balanced", lambda *_: asked.append("balance") or [])
+    monkeypatch.setattr(
+        fruitless + "begin_dimensions",
+        lambda _, __, those, before, most: asked.append(
+            [one.hypothesis.name for one in those if one is before]
+        ),
+    )
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
+    search_all(search, Explanation(attempt([], 30.0)), 3, lambda _: None)
+    assert asked == ["obvious", "displaced", "balance", ["slider_offset"]]
+
+
+@pytest.mark.parametrize(("misfit", "expected"), [(5.3, ["joint_lubrication"]), (9.0, [])])
+def test_one_of_two_that_share_what_is_missing_is_looked_beside_at_last(
+    monkeypatch, fruitless, misfit, expected
+):
+    beside = []
+    monkeypatch.setattr(
+        fruitless + "begin_beside", lambda _, __, base: beside.extend(h.name for h in base.hypotheses)
+    )
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(beside) > 0)
+    explanation = Explanation(attempt([], 12.2), [attempt(["joint_lubrication"], misfit)])
+    search_all(search, explanation, 3, lambda _: None)
+    assert beside == expected
+
+
+@pytest.mark.parametrize(("misfit", "expected"), [(1.02, 0), (3.1, 1)])
+def test_what_is_nearly_explained_is_fitted_again_on_paths_of_its_own(
+    monkeypatch, fruitless, misfit, expected
+):
+    again = []
+    monkeypatch.setattr(fruitless + "begin_again", lambda _, found: again.append(found.best))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
+    pair = attempt(["second_clearance", "joint_friction"], misfit)
+    search_all(search, Explanation(attempt([], 723.0), [pair]), 2, lambda _: None)
+    assert again == [pair] * expected
+
+
+@pytest.mark.parametrize(
+    ("table", "expected"),
+    [
+        (147.0, "torque_ripple"),  # a frame that gives way was missing beside it
+        (40.0, FREE_FORM),
+        (400.0, "torque_ripple"),
+    ],
+)
+def test_a_table_that_leaves_much_is_not_built_on(table, expected):
+    attempts = [attempt(["torque_ripple"], 305.0), attempt([FREE_FORM], table), attempt(["gravity"], 350.0)]
+    found = named(Explanation(attempt([], 1450.0), attempts))
+    assert [h.name for h in found.hypotheses] == [expected]
+
+
+@pytest.mark.parametrize(
+    ("hinted", "unpushed", "expected"),
+    [("worn_bearing", False, ["wear"]), ("gravity", True, ["wear"]), ("gravity", False, [])],
+)
+def test_lobes_are_read_off_the_motion_where_a_look_promises_them_or_no_force_helps(
+    monkeypatch, hinted, unpushed, expected
+):
+    asked = []
+    course = "clearance.diagnosis.searching.course."
+    hint = SimpleNamespace(hypotheses=(SimpleNamespace(name=hinted, fault=None),))
+    prospects = Prospects([], [hint], [], [], [])
+    monkeypatch.setattr(course + "look", lambda *_: prospects)
+    monkeypatch.setattr(course + "glaring", lambda _: None)
+    for name in ("suggest_channels", "suggest_dimensions"):
+        monkeypatch.setattr(course + name, lambda *_: {})
+    monkeypatch.setattr(course + "settled", lambda *_: False)
+    for name in ("balanced", "guide", "dimensions", "inside", "plausible"):
+        monkeypatch.setattr(course + f"begin_{name}", lambda *_: [])
+    monkeypatch.setattr(course + "widen", lambda *_: None)
+    monkeypatch.setattr(course + "begin_wear", lambda *_: asked.append("wear"))
+    search = SimpleNamespace(
+        recordings=[SimpleNamespace(channels=("rod_b_axial",))], late=lambda: len(asked) > 0
+    )
+    monkeypatch.setattr(course + "fit_curve", lambda *_: None)
+    monkeypatch.setattr(course + "suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
+    monkeypatch.setattr(course + "begin_elsewhere", lambda *_: None)
+    nominal = attempt([], 10.0)
+    search_all(search, Explanation(nominal, unpushed=unpushed), 3, lambda _: None)
+    assert asked == (expected or ["curve"])
