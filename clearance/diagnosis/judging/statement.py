@@ -1,6 +1,7 @@
 """What a diagnosis says: the contract's JSON, from what the search found and how it stood the test."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
@@ -9,6 +10,7 @@ from clearance.diagnosis.judging.held_out import Judged
 from clearance.diagnosis.judging.mismatch import Innovations, interval, root_mean_square, summary
 from clearance.diagnosis.judging.play import clearance_of
 from clearance.diagnosis.judging.sensors import advice, calibration_of, largest
+from clearance.diagnosis.judging.separation import advised, experiments
 from clearance.diagnosis.judging.true_seconds import true_speed
 from clearance.diagnosis.judging.verdict import (
     FITTED,
@@ -63,7 +65,7 @@ def state(
     body, direction = place_of(explanation, after)
     (clearance, rests_on), others = clearance_of(explanation), rivals(verdict, explanation)
     named = effects_of(best, probabilities(explanation), basis) if verdict not in ("none", "unknown") else []
-    sensors = calibration_of(best)
+    sensors, further = calibration_of(best), _next_experiments(explanation, others, search.recordings)
     score = explanation.hints[0].gain if explanation.hints else None
     shows = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > _SHOWS][:_MOST]
     return {
@@ -72,6 +74,7 @@ def state(
             *sentences(verdict, explanation, joint, fit, shows or list(where["channels"])[:1], after),
             *located(joints),
             *([largest(sensors)] if sensors and explained(best) else []),
+            *([further["next_experiment"]] if further["next_experiment"] else []),
         ],
         "mismatch": {
             "detected": verdict != "none" and not unconfirmed(explanation, after), "score": score,
@@ -82,7 +85,7 @@ def state(
         },
         "effects": named,
         "equivalent": [[h.name for h in a.hypotheses] for a in others] if len(others) > 1 else [],
-        "next_experiment": _next_experiment(others, search.recordings[0].channels),
+        **further,
         "free_form": free_form_of(best, setting, explanation.shaken),
         "sensors": sensors,
         "smallest_seen": seen_beside(search, best),
@@ -171,11 +174,13 @@ def _of_judging(
     ]
 
 
-def _next_experiment(others: Sequence[Attempt], channels: Sequence[str]) -> str | None:
-    """The recording that would separate explanations which do equally well."""
-    if len(others) < 2:
-        return None
-    lacking = [c for c in ("slider_horizontal", "slider_vertical", "crank_b_transverse") if c not in channels]
-    if lacking:
-        return f"record {lacking[0]} too: these explanations differ there"
-    return "record at a clearly different speed: contact, friction and gravity scale differently with it"
+def _next_experiments(
+    explanation: Explanation, rivals: Sequence[Attempt], recordings: Sequence[Measured]
+) -> dict[str, Any]:
+    """Recordings that would separate explanations which do equally well, and the best of them in words."""
+    if len(rivals) < 2:
+        return {"next_experiment": None, "experiments": []}
+    if any(h.name == "timebase" for one in rivals for h in one.hypotheses):
+        return {"next_experiment": "Set the recorder's clock beside another one.", "experiments": []}
+    found = experiments(explanation, rivals, recordings)
+    return {"next_experiment": advised(found), "experiments": [asdict(one) for one in found]}

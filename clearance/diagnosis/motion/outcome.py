@@ -300,9 +300,9 @@ def _about(track: Track, r: int, found: Fit, held_out: Sequence[Track], turned: 
 
 
 def _next_experiment(alike: Sequence[Attempt], tracks: Sequence[Track]) -> str | None:
+    """What usually separates effects of motion; nothing is reckoned here."""
     if not alike:
         return None
     lacking = [c for c in ("crank_angle", "slider_position", "drive_torque") if c not in tracks[0].channels]
-    if lacking:
-        return f"record {lacking[0]} too: these explanations differ there"
-    return "record at a clearly different speed, or a start from rest: delays and forces scale with it"
+    usual = "record a clearly different speed, or a start from rest: delays and forces scale with it."
+    return f"Record {lacking[0]} too, or {usual}" if lacking else usual.capitalize()

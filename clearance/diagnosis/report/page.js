@@ -167,7 +167,17 @@ function else_() {
     block.append(h("p", { class: "lead" }, "These explain the recordings equally well; these sensors cannot tell them apart:"));
     block.append(h("div", { class: "alternatives" }, join(groups.map((group) => h("span", { class: "alternative" }, group.map(words).join(" + "))), " or ").map((part) => (typeof part === "string" ? h("span", { class: "or" }, "or") : part))));
   } else if (list(DIAGNOSIS.effects).length) block.append(h("p", { class: "lead" }, "Nothing else that was tried explains these recordings as well."));
-  if (next) block.append(h("div", { class: "next" }, h("h3", {}, groups.length ? "The recording that would tell" : "The next recording worth making"), h("p", {}, String(next))));
+  if (next) block.append(h("div", { class: "next" }, h("h3", {}, groups.length ? "The recording that would tell" : "The next recording worth making"), h("p", {}, String(next)), experiments()));
+}
+
+function experiments() { // how long a recording tells the explanations apart, by what is changed
+  const found = list(DIAGNOSIS.experiments);
+  if (!found.some((one) => isNumber(one?.seconds))) return null;
+  const change = (one) => (one.channel ? `${words(one.channel)} too` : one.other_speed ? "another speed" : "nothing, but longer");
+  const row = (one, i) => h("tr", {}, h("th", { scope: "row" }, change(one)), h("td", { class: "right" }, number(["experiments", i, "speed_rpm"], { digits: 3 }), " rpm"), h("td", { class: "right" }, number(["experiments", i, "seconds"], { digits: 2 }), " s"));
+  return h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Recordings that would tell" }, h("table", { class: "sizes" },
+    h("thead", {}, h("tr", {}, h("th", {}, "What is changed"), h("th", { class: "right" }, "Speed"), h("th", { class: "right" }, "Long enough"))),
+    h("tbody", {}, found.map(row))));
 }
 
 // ---- checks

@@ -69,8 +69,12 @@ def physics():
             },
         ],
         "equivalent": [["guide_friction", "rod_inertia"], ["joint_lubrication", "rod_inertia"]],
-        "next_experiment": "Record slider_vertical, or run above 900 rpm: the damping of a film grows with "
-        "speed, dry friction does not.",
+        "next_experiment": "Record at 931 rpm: 1.4 s of that would tell these explanations apart.",
+        "experiments": [
+            {"seconds": 1.37, "speed_rpm": 931.0, "channel": None, "other_speed": True},
+            {"seconds": 4.62, "speed_rpm": 700.0, "channel": "slider_vertical", "other_speed": False},
+            {"seconds": 27.4, "speed_rpm": 700.0, "channel": None, "other_speed": False},
+        ],
         "free_form": None,
         "fit": {
             "metric": "root mean square of the innovations over their expected size",

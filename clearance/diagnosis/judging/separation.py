@@ -1,0 +1,126 @@
+"""Which further recording would tell explanations apart that do equally well with these sensors.
+
+The first explanation is taken for the truth. Its machine is run where it may be recorded next, and another
+explanation is fitted to that by the sensors that would be there: state, speed, clearance and its own
+parameters. What it leaves there is by how much the prices would differ on average, and grows with the length
+of the recording. Explanations are told apart where it is ``margin``.
+
+Reference: Hunter & Reiner 1965, Technometrics 7(3), 307-323 (the experiment for which rival models, each
+fitted, differ most).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import ANNEALING, Attempt
+from clearance.diagnosis.judging.detectability import follower_on_path
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.significance import margin
+from clearance.diagnosis.sensing.measured import Measured
+from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.settle import settle
+from clearance.errors import InputError
+from clearance.recording.channels import ACCELERATIONS
+
+_SLOWER, _FASTER = 0.75, 1.33  # times the slowest and the fastest recording
+_SCALES = ANNEALING[2:]  # of the noise, from coarse to fine
+_ITERATIONS, _TOLERANCE = 6, 1e-2  # of the fit of another explanation at each
+_SHORTEST, _LONGEST = 1.0, 300.0  # s of a recording that can be followed, and that anybody looks through
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A recording that tells explanations apart.
+
+    Attributes:
+        seconds: how long it must be, at least.
+        speed_rpm: of the crank.
+        channel: accelerometer that is recorded, too; ``None``: the same sensors do.
+        other_speed: whether the speed is another one than that of the recordings.
+    """
+
+    seconds: float
+    speed_rpm: float
+    channel: str | None = None
+    other_speed: bool = False
+
+    def __str__(self) -> str:
+        """In plain words."""
+        what = f"Record at {self.speed_rpm:.0f} rpm" if self.other_speed else "Record longer"
+        if self.channel is not None:
+            what = f"Record {self.channel} too"
+        return f"{what}: {self.seconds:.2g} s of that"
+
+
+def experiments(
+    explanation: Explanation, rivals: Sequence[Attempt], recordings: Sequence[Measured]
+) -> list[Experiment]:
+    """What tells the first of the rivals from each other one, what takes least first.
+
+    One thing is changed at a time: a sensor more, another speed, or a longer recording.
+
+    Args:
+        explanation: that they belong to.
+        rivals: attempts that do equally well; none of a wrong clock, which any other clock shows.
+        recordings: that they explain.
+    """
+    truth, *others = rivals
+    speeds = truth.fit.values[:, -1]
+    found = []
+    for proposed in _proposed(np.abs(speeds), recordings[0].channels):
+        speed = float(np.copysign(proposed.speed_rpm, speeds[0]))
+        heard = {*recordings[0].channels, proposed.channel}
+        try:
+            run = _recorded(truth, speed, recordings[0], [c for c in ACCELERATIONS if c not in heard])
+            left = min(_left(other, speed, run) for other in others)
+        except (InputError, np.linalg.LinAlgError):  # a machine that does not run there
+            continue
+        if left > 0.0:
+            needed = margin(explanation) / left * run.measured.seconds
+            found.append(replace(proposed, seconds=max(needed, _SHORTEST)))
+    return sorted(found, key=lambda one: one.seconds)
+
+
+def advised(found: Sequence[Experiment]) -> str:
+    """The best of them in plain words."""
+    if not found or found[0].seconds > _LONGEST:
+        return (
+            "No other speed and no further accelerometer would tell these explanations apart within five "
+            "minutes of recording."
+        )
+    return f"{found[0]} would tell these explanations apart."
+
+
+def _proposed(speeds: np.ndarray, channels: Sequence[str]) -> Iterator[Experiment]:
+    """Recordings whose length is not known yet; at speeds [rpm] above zero."""
+    yield Experiment(np.inf, float(speeds[0]))
+    for speed in (_SLOWER * speeds.min(), _FASTER * speeds.max()):
+        yield Experiment(np.inf, float(speed), other_speed=True)
+    for channel in ACCELERATIONS:
+        if channel not in channels:
+            yield Experiment(np.inf, float(speeds[0]), channel)
+
+
+def _recorded(truth: Attempt, speed: float, measured: Measured, deaf: Sequence[str]) -> Follower:
+    """A follower on what accelerometers would record of the true machine, without noise."""
+    row = np.append(truth.fit.values[0, :-1], speed)
+    filtered = measured.filtered
+    noise = float(np.median(measured.sigma[:filtered] / measured.size[:filtered]))
+    follower = follower_on_path(truth.model.machine(row), noise, measured.chain)
+    values = follower.measured.seen(follower.measured.values, truth.model.instrument(row))
+    recorded = values.reshape(-1, values.shape[2])
+    follower.measured = replace(follower.measured, values=values, recorded=recorded)
+    for channel in deaf:
+        follower.measured = follower.measured.without(channel)
+    return follower
+
+
+def _left(other: Attempt, speed: float, run: Follower) -> float:
+    """What another explanation leaves of a recording: robust sum of squares, as a price counts it."""
+    follower, values = run.part(0, run.segments), np.append(other.fit.values[0, :-1], speed)[None]
+    for scale in _SCALES:
+        found = settle([follower], other.model, values, _ITERATIONS, _TOLERANCE, 1, scale=scale)
+        values = found.values
+    return found.level * sum(one.samples for one in found.passes)

@@ -1,0 +1,84 @@
+"""Which recording tells explanations apart: what is foreseen is what a noisy recording then shows."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clearance.diagnosis.hypotheses.effect_files import load_effects
+from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
+from clearance.diagnosis.judging.detectability import follower_on_path
+from clearance.diagnosis.judging.separation import Experiment, _left, _recorded, advised, experiments
+from clearance.diagnosis.shooting.settle import settle
+from clearance.mechanism.joint import Joint
+from clearance.mechanism.slider_crank import SliderCrank
+from clearance.recording.channels import ACCELERATIONS
+
+RPM, SAMPLES = 700.0, 40000
+MACHINE = SliderCrank(joint_c=Joint(1e-4))
+SETTING = Setting(MACHINE, "C")
+ROD = ACCELERATIONS[4:8]
+
+
+def attempt(*names, values=()):
+    groups = gather(load_effects(list(names), []), MACHINE, "C", ())
+    held = [h for each in groups.values() for h in each if len(h.unknowns) == 1][: len(names)]
+    model = SETTING.model(held)
+    return SimpleNamespace(
+        hypotheses=tuple(held), model=model, fit=SimpleNamespace(values=np.array([[1e-4, *values, RPM]]))
+    )
+
+
+LITTLE, MORE = (attempt("guide_friction", values=(force,)) for force in (0.02, 0.1))  # N
+NOMINAL = attempt()
+
+
+@pytest.fixture(scope="module")
+def rod():
+    """A recording of the rod's four sensors with one per cent of noise."""
+    whole = follower_on_path(MACHINE).measured
+    kept = [ACCELERATIONS.index(c) for c in ROD]
+    return replace(
+        whole, values=whole.values[..., kept], recorded=whole.recorded[:, kept], channels=ROD,
+        signals=tuple(kept), sigma=whole.sigma[kept], limits=whole.limits[kept],
+    )  # fmt: skip
+
+
+def test_a_sensor_that_feels_the_difference_is_worth_a_shorter_recording(rod):
+    found = experiments(SimpleNamespace(samples=SAMPLES), [LITTLE, NOMINAL], [rod])
+    seconds = {(one.channel, round(one.speed_rpm)): one.seconds for one in found}
+    assert list(seconds.values()) == sorted(seconds.values())
+    longer = seconds.pop((None, 700))
+    assert set(seconds) == {(None, 525), (None, 931), *((c, 700) for c in ACCELERATIONS if c not in ROD)}
+    assert seconds["crank_b_transverse", 700] < 0.85 * longer
+    assert seconds["slider_horizontal", 700] < 0.95 * longer
+    assert seconds["crank_a_axial", 700] == pytest.approx(longer, rel=0.05)  # it rests
+
+
+def test_what_is_foreseen_is_what_a_noisy_recording_shows_on_average(rod):
+    deaf = [c for c in ACCELERATIONS if c not in ROD]
+    run = _recorded(MORE, RPM, rod, deaf)
+    foreseen, seen, generator = _left(NOMINAL, RPM, run), [], np.random.default_rng(1)
+    for _ in range(4):
+        noise = run.measured.sigma * generator.normal(size=run.measured.values.shape)
+        values = run.measured.values + np.where(run.measured.sigma < 1e3, noise, 0.0)
+        prices = []
+        for one in (MORE, NOMINAL):
+            follower = run.part(0, run.segments)
+            recorded = values.reshape(-1, values.shape[2])
+            follower.measured = replace(follower.measured, values=values, recorded=recorded)
+            found = settle([follower], one.model, one.fit.values, 6, 1e-4, 1)
+            prices.append(found.level * sum(one.samples for one in found.passes))
+        seen.append(prices[1] - prices[0])
+    # without noise the tenth of the segments that is not counted holds more of the difference than with it
+    assert 0.7 < foreseen / np.mean(seen) < 1.1
+
+
+def test_what_is_advised_is_said_in_plain_words():
+    found = [Experiment(2.34, 700.0, "slider_vertical"), Experiment(40.0, 525.0, other_speed=True)]
+    assert advised(found) == "Record slider_vertical too: 2.3 s of that would tell these explanations apart."
+    assert advised(found[1:]).startswith("Record at 525 rpm: 40 s of that")
+    assert advised([Experiment(12.0, 700.0)]).startswith("Record longer: 12 s of that")
+    for none in ([], [Experiment(301.0, 700.0)]):
+        assert advised(none).startswith("No other speed and no further accelerometer")
