@@ -1,0 +1,114 @@
+"""What a diagnosis of motion says: the contract's JSON, from what was found and how it stood the test."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from clearance.diagnosis.hypotheses.effect import Effect
+from clearance.diagnosis.motion.attempt import Attempt, Findings
+from clearance.diagnosis.motion.fit import Fit
+from clearance.diagnosis.motion.judged import Judged, over
+from clearance.diagnosis.motion.model import encoder_zero
+from clearance.diagnosis.motion.rest import angles
+from clearance.diagnosis.motion.search import Search
+from clearance.diagnosis.motion.track import Track
+from clearance.diagnosis.motion.verdict import clearance_of, effects, sentences, uncertain_of, verdict_of
+from clearance.diagnosis.motion.where import summary
+
+METRIC = "root mean square of whole-run residuals over the noise of each channel"
+_SHOWS, _MOST = 0.1, 3  # of a channel's mismatch that is worth a word; channels that are named
+
+
+def state(
+    search: Search,
+    findings: Findings,
+    named: Sequence[Effect],
+    zero_known: bool,
+    before: Judged,
+    after: Judged,
+) -> dict[str, Any]:
+    """The contract's JSON, but for time and memory.
+
+    Args:
+        search: which is over.
+        findings: of it.
+        named: effects that were tried.
+        zero_known: whether an encoder's zero that is off is a fault, not a matter of course.
+        before: the nominal machine beside held-out recordings.
+        after: the best one.
+    """
+    best, nominal, joint, enough = findings.best, findings.nominal, search.model.joint, findings.enough
+    assert enough is not None
+    floor = after.explained.noise
+    held = {"before": before.score(floor), "after": after.score(floor), "floor": 1.0}
+    held["low"], held["high"] = after.interval(floor)
+    alike = search.equivalents(findings)
+    bias = next((e for e in named if e.name == "sensor_bias"), None)
+    zero = encoder_zero(bias) if bias is not None and zero_known else None
+    verdict = verdict_of(findings, alike, zero, held["after"])
+    asserted = effects(findings, zero, _probability(findings))
+    turned = angles(nominal.fit, search.tracks)
+    where = summary(over(nominal.fit, search.tracks, enough), turned, enough.channels, search.tracks[0].rate)
+    shows = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > _SHOWS][:_MOST]
+    shows = shows or list(enough.channels)[:1]
+    clearance, (singles, combinations) = clearance_of(best.fit), uncertain_of(best.fit)
+    names = [
+        *(t.name for t in best.terms), *([zero.name] if findings.zero and zero is not None else [])
+    ]  # fmt: skip
+    first = asserted[0][0] if asserted else None
+    return {
+        "verdict": verdict,
+        "summary": sentences(
+            verdict, findings, asserted, alike, held, shows, clearance, (singles, combinations)
+        ),
+        "mismatch": {
+            "detected": verdict != "none", "p_value": None,
+            "body": first.place(joint) if first else None, "direction": first.direction if first else None,
+            **where,
+        },
+        "effects": [] if verdict in ("none", "unknown") else [described for _, _, described in asserted],
+        "equivalent": [names, *([t.name for t in a.terms] for a in alike)] if alike else [],
+        "next_experiment": _next_experiment(alike, search.tracks),
+        "free_form": None,
+        "fit": {"metric": METRIC, "held_out": held},
+        "clearance": clearance,
+        "uncertain": singles,
+        "combinations": combinations,
+        "recordings": [
+            _about(track, r, best.fit, after.tracks, turned[r]) for r, track in enumerate(search.tracks)
+        ],
+        "warnings": [
+            f"{track.name}: left out, for showing nothing but a constant: {', '.join(track.silent)}"
+            for track in search.tracks if track.silent
+        ],
+    }  # fmt: skip
+
+
+def _probability(findings: Findings) -> float:
+    """Of the best attempt among all: exp(-difference / 2) of prices."""
+    prices = np.array([a.price for a in (findings.best, findings.nominal, *findings.attempts)])
+    names = [a.label for a in (findings.best, findings.nominal, *findings.attempts)]
+    cheapest = {n: min(p for m, p in zip(names, prices, strict=True) if m == n) for n in names}
+    weights = {n: float(np.exp(-0.5 * min(p - prices.min(), 1400.0))) for n, p in cheapest.items()}
+    return weights[findings.best.label] / sum(weights.values())
+
+
+def _about(track: Track, r: int, found: Fit, held_out: Sequence[Track], turned: np.ndarray) -> dict[str, Any]:
+    return {
+        "name": track.name, "seconds": track.seconds, "rate_hz": track.rate, "channels": list(track.channels),
+        "speed_rpm": float((turned[-1] - turned[0]) / (len(turned) - 1) * track.rate * 30.0 / np.pi),
+        "drive_speed_rpm": float(found.own[r, 3]),
+        "encoder_zero_rad": float(found.own[r, 4]) if found.model.with_zero else None,
+        "filtered": track.low_pass is not None,
+        "held_out_seconds": sum(o.seconds for o in held_out if o.name == track.name),
+    }  # fmt: skip
+
+
+def _next_experiment(alike: Sequence[Attempt], tracks: Sequence[Track]) -> str | None:
+    """What usually separates effects of motion; nothing is reckoned here."""
+    if not alike:
+        return None
+    lacking = [c for c in ("crank_angle", "slider_position", "drive_torque") if c not in tracks[0].channels]
+    usual = "record a clearly different speed, or a start from rest: delays and forces scale with it."
+    return f"Record {lacking[0]} too, or {usual}" if lacking else usual.capitalize()
