@@ -53,8 +53,7 @@ class Trace:
     @property
     def length(self) -> int:
         """Segments that are followed: a revolution and a third, or a period, if there are as many."""
-        turn = 2.0 * np.pi / abs(self.alignment.speed) / self.measured.segment
-        wanted = int(max(_SHORTEST, _REVOLUTIONS * turn, self.measured.period / self.measured.segment))
+        wanted = followed_segments(self.measured, self.alignment.speed)
         return min(wanted, len(self.path.nodes) - 2 * _SKIPPED)
 
     @property
@@ -81,6 +80,12 @@ class Trace:
         time = self.measured.begin + self.measured.segment * np.arange(first, last)
         follower.path.nodes[:, State.TIME] = time
         return follower
+
+
+def followed_segments(measured: Measured, speed: float) -> int:
+    """Segments that are followed of a recording at a speed [rad/s], if there are as many."""
+    turn = 2.0 * np.pi / abs(speed) / measured.segment
+    return int(max(_SHORTEST, _REVOLUTIONS * turn, measured.period / measured.segment))
 
 
 def check_length(measured: Measured) -> None:

@@ -2,8 +2,8 @@
 
 The first explanation is taken for the truth. Its machine is run where it may be recorded next, and another
 explanation is fitted to that by the sensors that would be there: state, speed, clearance and its own
-parameters. What it leaves there is by how much the prices would differ on average, and grows with the length
-of the recording. Explanations are told apart where it is ``margin``.
+parameters. What it leaves there is by how much the prices would differ on average. Of each recording a
+stretch is followed, so that it grows with their number. Explanations are told apart where it is ``margin``.
 
 Reference: Hunter & Reiner 1965, Technometrics 7(3), 307-323 (the experiment for which rival models, each
 fitted, differ most).
@@ -11,10 +11,12 @@ fitted, differ most).
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, Attempt
+from clearance.diagnosis.following.trace import followed_segments
 from clearance.diagnosis.judging.detectability import follower_on_path
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.significance import margin
@@ -27,31 +29,32 @@ from clearance.recording.channels import ACCELERATIONS
 _SLOWER, _FASTER = 0.75, 1.33  # times the slowest and the fastest recording
 _SCALES = ANNEALING[2:]  # of the noise, from coarse to fine
 _ITERATIONS, _TOLERANCE = 6, 1e-2  # of the fit of another explanation at each
-_SHORTEST, _LONGEST = 1.0, 300.0  # s of a recording that can be followed, and that anybody looks through
+_MOST = 100  # recordings that anybody makes
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A recording that tells explanations apart.
+    """Recordings that tell explanations apart.
 
     Attributes:
-        seconds: how long it must be, at least.
+        recordings: how many it takes, on top of those that were made.
         speed_rpm: of the crank.
         channel: accelerometer that is recorded, too; ``None``: the same sensors do.
         other_speed: whether the speed is another one than that of the recordings.
     """
 
-    seconds: float
+    recordings: int
     speed_rpm: float
     channel: str | None = None
     other_speed: bool = False
 
     def __str__(self) -> str:
         """In plain words."""
-        what = f"Record at {self.speed_rpm:.0f} rpm" if self.other_speed else "Record longer"
-        if self.channel is not None:
-            what = f"Record {self.channel} too"
-        return f"{what}: {self.seconds:.2g} s of that"
+        what = f"at {self.speed_rpm:.0f} rpm" if self.other_speed else f"with {self.channel} too"
+        if not self.other_speed and self.channel is None:
+            what = "like these"
+        number = "One further recording" if self.recordings == 1 else f"{self.recordings} further recordings"
+        return f"{number} {what}"
 
 
 def experiments(
@@ -59,7 +62,7 @@ def experiments(
 ) -> list[Experiment]:
     """What tells the first of the rivals from each other one, what takes least first.
 
-    One thing is changed at a time: a sensor more, another speed, or a longer recording.
+    One thing is changed at a time: a sensor more, or another speed; or nothing.
 
     Args:
         explanation: that they belong to.
@@ -77,30 +80,30 @@ def experiments(
             left = min(_left(other, speed, run) for other in others)
         except (InputError, np.linalg.LinAlgError):  # a machine that does not run there
             continue
+        followed = followed_segments(run.measured, speed * np.pi / 30.0) / run.segments
         if left > 0.0:
-            needed = margin(explanation) / left * run.measured.seconds
-            found.append(replace(proposed, seconds=max(needed, _SHORTEST)))
-    return sorted(found, key=lambda one: one.seconds)
+            found.append(replace(proposed, recordings=ceil(margin(explanation) / (left * followed))))
+    return sorted(found, key=lambda one: one.recordings)
 
 
 def advised(found: Sequence[Experiment]) -> str:
     """The best of them in plain words."""
-    if not found or found[0].seconds > _LONGEST:
+    if not found or found[0].recordings > _MOST:
         return (
-            "No other speed and no further accelerometer would tell these explanations apart within five "
-            "minutes of recording."
+            "No other speed and no further accelerometer would tell these explanations apart with a hundred "
+            "recordings."
         )
     return f"{found[0]} would tell these explanations apart."
 
 
 def _proposed(speeds: np.ndarray, channels: Sequence[str]) -> Iterator[Experiment]:
-    """Recordings whose length is not known yet; at speeds [rpm] above zero."""
-    yield Experiment(np.inf, float(speeds[0]))
+    """One recording of each kind; at speeds [rpm] above zero."""
+    yield Experiment(1, float(speeds[0]))
     for speed in (_SLOWER * speeds.min(), _FASTER * speeds.max()):
-        yield Experiment(np.inf, float(speed), other_speed=True)
+        yield Experiment(1, float(speed), other_speed=True)
     for channel in ACCELERATIONS:
         if channel not in channels:
-            yield Experiment(np.inf, float(speeds[0]), channel)
+            yield Experiment(1, float(speeds[0]), channel)
 
 
 def _recorded(truth: Attempt, speed: float, measured: Measured, deaf: Sequence[str]) -> Follower:

@@ -170,13 +170,13 @@ function else_() {
   if (next) block.append(h("div", { class: "next" }, h("h3", {}, groups.length ? "The recording that would tell" : "The next recording worth making"), h("p", {}, String(next)), experiments()));
 }
 
-function experiments() { // how long a recording tells the explanations apart, by what is changed
+function experiments() { // how many recordings tell the explanations apart, by what is changed
   const found = list(DIAGNOSIS.experiments);
-  if (!found.some((one) => isNumber(one?.seconds))) return null;
-  const change = (one) => (one.channel ? `${words(one.channel)} too` : one.other_speed ? "another speed" : "nothing, but longer");
-  const row = (one, i) => h("tr", {}, h("th", { scope: "row" }, change(one)), h("td", { class: "right" }, number(["experiments", i, "speed_rpm"], { digits: 3 }), " rpm"), h("td", { class: "right" }, number(["experiments", i, "seconds"], { digits: 2 }), " s"));
+  if (!found.some((one) => isNumber(one?.recordings))) return null;
+  const change = (one) => (one.channel ? `${words(one.channel)} too` : one.other_speed ? "another speed" : "nothing");
+  const row = (one, i) => h("tr", {}, h("th", { scope: "row" }, change(one)), h("td", { class: "right" }, number(["experiments", i, "speed_rpm"], { digits: 3 }), " rpm"), h("td", { class: "right" }, number(["experiments", i, "recordings"])));
   return h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Recordings that would tell" }, h("table", { class: "sizes" },
-    h("thead", {}, h("tr", {}, h("th", {}, "What is changed"), h("th", { class: "right" }, "Speed"), h("th", { class: "right" }, "Long enough"))),
+    h("thead", {}, h("tr", {}, h("th", {}, "What is changed"), h("th", { class: "right" }, "Speed"), h("th", { class: "right" }, "Further recordings"))),
     h("tbody", {}, found.map(row))));
 }
 

@@ -45,15 +45,15 @@ def rod():
     )  # fmt: skip
 
 
-def test_a_sensor_that_feels_the_difference_is_worth_a_shorter_recording(rod):
+def test_a_sensor_that_feels_the_difference_is_worth_fewer_recordings(rod):
     found = experiments(SimpleNamespace(samples=SAMPLES), [LITTLE, NOMINAL], [rod])
-    seconds = {(one.channel, round(one.speed_rpm)): one.seconds for one in found}
-    assert list(seconds.values()) == sorted(seconds.values())
-    longer = seconds.pop((None, 700))
-    assert set(seconds) == {(None, 525), (None, 931), *((c, 700) for c in ACCELERATIONS if c not in ROD)}
-    assert seconds["crank_b_transverse", 700] < 0.85 * longer
-    assert seconds["slider_horizontal", 700] < 0.95 * longer
-    assert seconds["crank_a_axial", 700] == pytest.approx(longer, rel=0.05)  # it rests
+    needed = {(one.channel, round(one.speed_rpm)): one.recordings for one in found}
+    assert list(needed.values()) == sorted(needed.values())
+    same = needed.pop((None, 700))
+    assert set(needed) == {(None, 525), (None, 931), *((c, 700) for c in ACCELERATIONS if c not in ROD)}
+    assert 10 < needed["crank_b_transverse", 700] < 0.85 * same
+    assert needed["slider_horizontal", 700] < 0.95 * same
+    assert needed["crank_a_axial", 700] == same  # it rests
 
 
 def test_what_is_foreseen_is_what_a_noisy_recording_shows_on_average(rod):
@@ -76,9 +76,12 @@ def test_what_is_foreseen_is_what_a_noisy_recording_shows_on_average(rod):
 
 
 def test_what_is_advised_is_said_in_plain_words():
-    found = [Experiment(2.34, 700.0, "slider_vertical"), Experiment(40.0, 525.0, other_speed=True)]
-    assert advised(found) == "Record slider_vertical too: 2.3 s of that would tell these explanations apart."
-    assert advised(found[1:]).startswith("Record at 525 rpm: 40 s of that")
-    assert advised([Experiment(12.0, 700.0)]).startswith("Record longer: 12 s of that")
-    for none in ([], [Experiment(301.0, 700.0)]):
+    found = [Experiment(1, 700.0, "slider_vertical"), Experiment(4, 525.0, other_speed=True)]
+    assert (
+        advised(found)
+        == "One further recording with slider_vertical too would tell these explanations apart."
+    )
+    assert advised(found[1:]).startswith("4 further recordings at 525 rpm would")
+    assert advised([Experiment(12, 700.0)]).startswith("12 further recordings like these would")
+    for none in ([], [Experiment(101, 700.0)]):
         assert advised(none).startswith("No other speed and no further accelerometer")

@@ -69,11 +69,11 @@ def physics():
             },
         ],
         "equivalent": [["guide_friction", "rod_inertia"], ["joint_lubrication", "rod_inertia"]],
-        "next_experiment": "Record at 931 rpm: 1.4 s of that would tell these explanations apart.",
+        "next_experiment": "2 further recordings at 931 rpm would tell these explanations apart.",
         "experiments": [
-            {"seconds": 1.37, "speed_rpm": 931.0, "channel": None, "other_speed": True},
-            {"seconds": 4.62, "speed_rpm": 700.0, "channel": "slider_vertical", "other_speed": False},
-            {"seconds": 27.4, "speed_rpm": 700.0, "channel": None, "other_speed": False},
+            {"recordings": 2, "speed_rpm": 931.0, "channel": None, "other_speed": True},
+            {"recordings": 5, "speed_rpm": 700.0, "channel": "slider_vertical", "other_speed": False},
+            {"recordings": 28, "speed_rpm": 700.0, "channel": None, "other_speed": False},
         ],
         "free_form": None,
         "fit": {
