@@ -75,7 +75,7 @@ def main(cfg: DictConfig) -> None:
         facts, cases = reveal(folder, sealed)
         if cfg.stage != "loop":
             rows = [score_case(one) for one in cases]
-            content = _write(folder, facts, rows)
+            content = _write(folder, facts, rows, cfg.pictures)
             beside = _compare(folder, sealed, methods, content[0])
             if loop is None or cfg.stage == "reveal":
                 _publish(*content, "trial", cfg.results, cfg.readme)
@@ -90,8 +90,14 @@ def main(cfg: DictConfig) -> None:
         log.info("written to %s", folder)
 
 
-def _write(folder: Path, facts: dict[str, Any], rows: Sequence[dict[str, Any]]) -> tuple[dict[str, Any], str]:
-    """Result and pictures into the folder; returns the summary and its table, which are shown."""
+def _write(
+    folder: Path, facts: dict[str, Any], rows: Sequence[dict[str, Any]], published: str | None
+) -> tuple[dict[str, Any], str]:
+    """Result and pictures into the folder, and these where they are published.
+
+    Returns:
+        The summary and its table, which are shown.
+    """
     summary = {"date": date.today().isoformat()} | facts | summarise(rows)
     write_json(folder / "result.json", {"summary": summary, "rows": rows})
     for name, figure in {
@@ -99,7 +105,9 @@ def _write(folder: Path, facts: dict[str, Any], rows: Sequence[dict[str, Any]]) 
         "confusion": pictures.confusion(summary["confusion"]),
         "estimates": pictures.estimates(rows),
     }.items():
-        write_atomically(folder / f"{name}.png", figure.savefig)
+        for place in (folder, *([] if published is None else [Path(published)])):
+            place.mkdir(parents=True, exist_ok=True)
+            write_atomically(place / f"{name}.png", figure.savefig)
     text = table(summary)
     sys.stdout.write(f"\n{text}\n{failures(summary) or 'no failures'}\n")
     return summary, text

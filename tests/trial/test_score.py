@@ -298,7 +298,7 @@ def test_a_small_trial_of_the_tool_itself(tmp_path):
         "scope.items=[gravity,slider_by_velocity]", "scope.sizes=[2]", "scope.seconds=[0.5,0.5]",
         "scope.noise=[[0.01,1]]", "scope.sensors={all: 1, seven: 0, rod: 0}", "scope.encoder=1",
         "scope.known_frame=0", "scope.clearance_range=[5e-5,2e-4]", "results=published/trial-7.json",
-        "history=page.md",
+        "history=page.md", "pictures=published/7",
         'arguments=["time_limit=600","hypotheses=[gravity,contact_stiffness,restitution,sensor_gain]"]',
     )  # fmt: skip
     (tmp_path / "page.md").write_text("\n".join(marks("trials", "trial")))
@@ -313,5 +313,8 @@ def test_a_small_trial_of_the_tool_itself(tmp_path):
     assert summary["without_verdict"] == 0
     for score, expected in (("false_alarms", 0), ("first_and_alone", 1), ("unknown_with_body", 1)):
         assert (summary[score]["count"], summary[score]["of"]) == (expected, 1), score
-    assert (tmp_path / "trial/power.png").stat().st_size > 5000
+    for name in ("power", "confusion", "estimates"):
+        picture = (tmp_path / f"trial/{name}.png").read_bytes()
+        assert len(picture) > 5000
+        assert (tmp_path / f"published/7/{name}.png").read_bytes() == picture
     assert "| [7](published/trial-7.json) | 3 | 0 | 0 of 1 | 1 of 1 |" in (tmp_path / "page.md").read_text()
