@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 Row = Mapping[str, Any]
 _FAINTEST = 1e-2  # visibilities below are drawn there
+_SMALL = 1e-3  # %, of an error: smaller ones are drawn on a straight scale
 _ESTIMATORS = {"nominal": ("#b2182b", "x"), "true": ("#888888", "o"), "corrected": ("#1b7837", ".")}
 _COLOURS = {"right": "#1b7837", "detected": "#e08214", "missed": "#b2182b"}
 
@@ -73,13 +74,13 @@ def confusion(table: Mapping[str, Mapping[str, int]]) -> Figure:
 
 
 def estimates(rows: Sequence[Row]) -> Figure:
-    """Parameters and clearances over their true values, with 95 % intervals; held-out errors."""
+    """Errors of parameters and clearances, with 95 % intervals; held-out errors."""
     said = [row for row in rows if row["verdict"] is not None]
     figure = _figure(12, 4)
     asserted = [p for row in said for p in row["parameters"] if p["true"] != 0.0]
-    _ratios(figure.add_subplot(1, 3, 1), asserted, [p["true"] for p in asserted], "asserted parameters")
+    _errors(figure.add_subplot(1, 3, 1), asserted, [p["true"] for p in asserted], "asserted parameters")
     known = [row for row in said if row["right"] and (row["clearance"] or {}).get("low") is not None]
-    _ratios(
+    _errors(
         figure.add_subplot(1, 3, 2), [row["clearance"] for row in known],
         [row["clearance_m"] for row in known],
         "clearance, where the verdict is right",
@@ -118,21 +119,25 @@ def loop(rows: Sequence[Row]) -> Figure:
     return figure
 
 
-def _ratios(axes: Axes, found: Sequence[Mapping[str, Any]], true: Sequence[float], title: str) -> None:
-    """Estimates over the truth, sorted, with their intervals."""
+def _errors(axes: Axes, found: Sequence[Mapping[str, Any]], true: Sequence[float], title: str) -> None:
+    """Estimates beside the truth, sorted, with their intervals; red where these miss it."""
     ratios = np.array(
         [[one[k] / t for k in ("value", "low", "high")] for one, t in zip(found, true, strict=True)]
     )
-    axes.axhline(1.0, color="black", linewidth=1)
-    axes.set(title=title, ylabel="estimate over truth", xticks=[])
+    axes.axhline(0.0, color="black", linewidth=1)
+    axes.set(title=title, ylabel="error [%]", xticks=[])
+    axes.set_yscale("symlog", linthresh=_SMALL, linscale=0.5)
+    axes.set_ylim(-100.0, 100.0)
     if len(ratios) == 0:
         return
-    ratios = ratios[np.argsort(ratios[:, 0])]
-    low, high = np.sort(ratios[:, 1:], axis=1).T
-    axes.vlines(np.arange(len(ratios)), low, high, color="#888888", linewidth=1)
-    axes.scatter(np.arange(len(ratios)), ratios[:, 0], s=10)
-    # with the truth in view, and one that is far off out of it
-    axes.set_ylim(max(min(low.min(), 1.0) - 0.02, 0.0), min(max(high.max(), 1.0) + 0.02, 2.0))
+    errors = 100.0 * (ratios[np.argsort(ratios[:, 0])] - 1.0)
+    low, high = np.sort(errors[:, 1:], axis=1).T
+    missed = (low > 0.0) | (high < 0.0)
+    place = np.arange(len(errors))
+    for kind, colour in ((~missed, _COLOURS["right"]), (missed, _COLOURS["missed"])):
+        axes.vlines(place[kind], low[kind], high[kind], color=colour, linewidth=1, alpha=0.5)
+        # what is far off is drawn at the edge
+        axes.scatter(place[kind], np.clip(errors[kind, 0], -99.0, 99.0), s=10, color=colour)
 
 
 def _label(row: Row) -> str:
