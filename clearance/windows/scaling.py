@@ -84,7 +84,7 @@ class MinMaxScaler:
         if not np.all(high > low):
             raise InputError(
                 f"all training clearances of a joint are {low[high <= low][0]:g} m: at least two different "
-                "values are needed; train on more recordings (runs), or on others (data)"
+                "values are needed; train on more recordings (runs), or on others (joint, data)"
             )
         return cls(tuple(low.tolist()), tuple(high.tolist()))
 
