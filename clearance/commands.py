@@ -18,25 +18,19 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from clearance.configuration import CONFIGURATION, set_defaults_of_plugins, with_mechanism_file
 from clearance.errors import InputError
 from clearance.help import help_text
+from clearance.refusals import one_line, reworded, set_at
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _UNKNOWN_KEY = re.compile(r"the key that ends in '(\w+)'")
 _PATH_WITH_KEYS = re.compile(r"""([\w.]+)=([^'"\[{$(][^'"]*=[^'"]*)""")
-_HINTS = {
-    re.compile(r"(no viable alternative|mismatched input|extraneous input).*="): (
-        "; inside a list or mapping, a value with = needs quotes: 'key=[\"a=1\"]'"
-    ),
-    re.compile(r"Could not find 'hydra/(launcher|sweeper)/"): (
-        "; joblib, submitit_slurm and optuna come with pip install '.[sweeps]'"
-    ),
-}
-_BACKGROUND = re.compile(r"Config search path:.*|\s*object_type=.*|See https://\S+.*")
+_PATH_WITH_QUOTES = re.compile(r"""([\w.]+)=([^'"\[{$(]*/[^"$(]*'[^"$(]*)""")
+_LIST_OF_OPTIONS = re.compile(r"(\w+)=\[(.*,.*)\]")
 
 
 def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:
@@ -70,6 +64,8 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
                         sys.stdout.write(help_text(name))
                         return None
                     set_defaults_of_plugins()
+                    for argument in sys.argv[1:]:
+                        _require_one_option(argument)
                     sys.argv[1:] = [_quoted(with_mechanism_file(argument)) for argument in sys.argv[1:]]
                     return run()
             finally:
@@ -140,7 +136,7 @@ def _failing_alone(cfg: DictConfig) -> Iterator[None]:
         if wrong is None:
             logger.exception("failed")
             # Another type: not every exception can be sent from one process to another.
-            raise RuntimeError(f"{type(error).__name__}: {_one_line(error)}") from None
+            raise RuntimeError(f"{type(error).__name__}: {one_line(error)}") from None
         logger.error("failed: %s", wrong)
         raise InputError(wrong) from None
 
@@ -153,9 +149,30 @@ def _interrupted(cfg: DictConfig | None) -> NoReturn:
 
 
 def _quoted(argument: str) -> str:
-    """``checkpoint=runs/model=lstm,seed=1`` is one path, named by a sweep, and not Hydra's grammar."""
+    """``checkpoint=runs/model=lstm,seed=1`` is one path, named by a sweep, and not Hydra's grammar.
+
+    So is ``checkpoint=runs/begin='runs/model=lstm',seed=1``, where an override named such a path.
+    """
     whole = _PATH_WITH_KEYS.fullmatch(argument)
-    return f"{whole[1]}='{whole[2]}'" if whole else argument
+    if whole:
+        return f"{whole[1]}='{whole[2]}'"
+    whole = _PATH_WITH_QUOTES.fullmatch(argument)
+    return f'{whole[1]}="{whole[2]}"' if whole else argument
+
+
+def _require_one_option(argument: str) -> None:
+    """Refuse ``sensors=[rod,crank]``: of options put on top of each other the last one alone would hold.
+
+    Raises:
+        InputError: several options of a group of which one is chosen.
+    """
+    listed = _LIST_OF_OPTIONS.fullmatch(argument)
+    if listed and listed[1] != "experiment" and (CONFIGURATION / listed[1]).is_dir():
+        group, options = listed[1], listed[2]
+        own = "; sensors of your own: 'sensors.channels=[...]'" if group == "sensors" else ""
+        raise InputError(
+            f"{argument}: one option is chosen, not a list; one run for each: -m {group}={options}{own}"
+        )
 
 
 def _thread_error(error: threading.ExceptHookArgs) -> None:
@@ -169,11 +186,10 @@ def _wrong_input(error: BaseException, cfg: DictConfig | None) -> str | None:
     chain = list(_chain(error))
     for link in chain:  # the outermost InputError: it has added the file's name to what it caught
         if isinstance(link, InputError):
-            return _with_full_keys(_one_line(link), chain, cfg)
+            return _with_full_keys(one_line(link), chain, cfg)
     for link in chain:
         if isinstance(link, HydraException | OmegaConfBaseException):
-            hints = [hint for pattern, hint in _HINTS.items() if pattern.search(str(link))]
-            return _one_line(link) + "".join(hints)
+            return reworded(link, cfg)
         if isinstance(link, OSError) and link.errno is not None:
             remedy = "make room or choose another path" if link.errno in _FULL else "choose another path"
             return f"{link.filename or 'the output'}: {link.strerror}; {remedy}"
@@ -186,26 +202,9 @@ def _chain(error: BaseException | None) -> Iterator[BaseException]:
         error = error.__cause__ or error.__context__
 
 
-def _one_line(error: BaseException) -> str:
-    return _BACKGROUND.sub("", " ".join(str(error).split())).strip()
-
-
 def _with_full_keys(message: str, chain: list[BaseException], cfg: DictConfig | None) -> str:
     """Replace "the key that ends in 'mass'" by ``mechanism.crank.mass``, where Hydra says its place."""
     places = [found[1] for link in chain if (found := re.search(r"full_key: (\S+)", str(link)))]
     if not places or cfg is None:
         return message
-    return _UNKNOWN_KEY.sub(lambda end: _source(cfg, f"{places[-1]}.{end[1]}"), message)
-
-
-def _source(cfg: DictConfig, key: str) -> str:
-    """Where the value of ``key`` is set: what interpolations on the way lead to."""
-    path = ""
-    for name in key.split("."):
-        parent = OmegaConf.select(cfg, path) if path else cfg
-        path = f"{path}.{name}" if path else name
-        if isinstance(parent, DictConfig) and OmegaConf.is_interpolation(parent, name):
-            written: Any = OmegaConf.to_container(parent, resolve=False)
-            simple = re.fullmatch(r"\$\{([\w.]+)\}", written[name])
-            path = simple[1] if simple else path
-    return path
+    return _UNKNOWN_KEY.sub(lambda end: set_at(cfg, f"{places[-1]}.{end[1]}"), message)

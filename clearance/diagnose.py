@@ -129,6 +129,12 @@ def main(cfg: DictConfig) -> None:
             keep,
         )
     else:
+        for name, left in (("uncertain", None), ("encoder_zero", "known")):
+            if cfg[name] != left:
+                raise InputError(
+                    f"{name} = {cfg[name]}: only of recordings without accelerometers, which these are not; "
+                    f"{name}={'null' if left is None else left}"
+                )
         channels = tuple(instantiate(cfg.sensors, _convert_="all").channels)
         if not recordings:
             log.info("no recordings given: a demonstration on a simulated machine with friction on its guide")

@@ -70,12 +70,12 @@ def main(cfg: DictConfig) -> None:
     log.info("%s", markdown(rows))
     if cfg.results is None:
         return
+    fresh = read_json(Path(cfg.picture) / FRESH, "picture") if cfg.picture else None
     results = Path(cfg.results)
     results.mkdir(parents=True, exist_ok=True)
     rows = with_recorded(rows, results / "trainings.json")
     write_json(results / "trainings.json", rows)
-    if cfg.picture:
-        fresh = read_json(Path(cfg.picture) / FRESH, "picture")
+    if fresh is not None:
         name = (read_yaml(Path(cfg.picture) / CONFIG) or {}).get("name", "")
         figure = overview(fresh, name)
         write_atomically(results / "overview.png", lambda file: figure.savefig(file, dpi=110))

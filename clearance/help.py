@@ -30,12 +30,19 @@ def help_text(name: str) -> str:
     """The page of the command whose configuration is ``conf/NAME.yaml``."""
     lines = _lines(CONFIGURATION / f"{name}.yaml")
     groups = dict(_groups(lines))
+    changed: dict[str, str] = {}
     if "experiment" in groups:
         known = {key.split(".")[0] for key, _, _ in _entries(lines)} | set(groups)
         chosen, options, comment = groups["experiment"]
         groups["experiment"] = chosen, [one for one in options if _fits(one, known)], comment
+        if chosen in options:  # what holds where none is given is what the chosen experiment says
+            own = _lines(CONFIGURATION / "experiment" / f"{chosen}.yaml")
+            changed = {key: value for key, value, _ in _entries(own)}
+            groups |= {group: (other, *groups[group][1:]) for group, (other, *_) in _groups(own)}
     keys = [
-        (f"{key}={value}", comment) for key, value, comment in _entries(lines) if _told(key, value, comment)
+        (f"{key}={changed.get(key, value)}", comment)
+        for key, value, comment in _entries(lines)
+        if _told(key, value, comment)
     ]
     parts = ["\n".join(_purpose(lines)), "Keys, and what holds where none is given:\n" + _aligned(keys)]
     if groups:

@@ -49,6 +49,8 @@ def main(cfg: DictConfig) -> None:
     other = [name for name in channels if name not in ACCELERATIONS]
     if other:
         raise InputError(f"sensors.channels: {other} are no accelerations; choose from {list(ACCELERATIONS)}")
+    if not any(_key(one) == "most" for one in asked):
+        cfg.most = min(cfg.most, len(channels))
     for name, most in (("most", len(channels)), ("best", 999)):
         if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or not 1 <= cfg[name] <= most:
             raise InputError(f"{name} = {cfg[name]!r} is not a whole number from 1 to {most}; change {name}")

@@ -29,8 +29,10 @@ def main(cfg: DictConfig) -> None:
     paths = cfg.recordings if OmegaConf.is_list(cfg.recordings) else [cfg.recordings]
     if not paths:
         raise InputError("recordings=[]: at least one file is needed; set recordings")
-    found = {str(path): estimate_file(gauge, Path(str(path))) for path in paths}
     output = Path(str(cfg.output))
+    if output.is_dir():
+        raise InputError(f"output={output}: is a folder; set output to a file in it")
+    found = {str(path): estimate_file(gauge, Path(str(path))) for path in paths}
     output.parent.mkdir(parents=True, exist_ok=True)
     write_json(output, [{"path": path, **asdict(one)} for path, each in found.items() for one in each])
     sys.stdout.write(table(found, gauge.intervals[0].coverage) + locations(found))

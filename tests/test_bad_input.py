@@ -35,7 +35,16 @@ def recording(campaign):
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("rnus=3", "Could not override 'rnus'"),
+        ("rnus=3", "Could not override 'rnus': there is no such key; did you mean 'runs'"),
+        ("mechanism.rod.lenght=1", "no such key; did you mean 'length'.*--cfg job shows all keys$"),
+        ("contact.hardness=1", r"contact has restitution, .* is given as \+contact.hardness=1; --cfg"),
+        ("runs=1,2", r"runs=1,2: several values are a sweep, which needs -m; a list is 'runs=\[1,2\]'$"),
+        ("joint=B,C", "joint=B,C: several values are a sweep, which needs -m$"),
+        ("joint=[B,C]", r"joint=\[B,C\]: one option is chosen, not a list; one run for each: -m joint=B,C$"),
+        ("mechanism.gravity=[0,-9", r"^error: mechanism.gravity=\[0,-9: .*must be closed$"),
+        ("runs", "'runs'.*; write KEY=VALUE$"),
+        ("mechanism=press", "mechanism/press.*; a machine of your own is a file, mechanism=FILE.yaml$"),
+        ("mechanism.rod.length=120", r"length = 120 is outside \(0, 10\]; change mechanism.rod.length$"),
         ("contact=flroes", "contact/flroes.*flores hunt_crossley"),
         ("runs=0", r"runs = 0 is outside \[1, .*change runs$"),
         ("runs=2.5", "runs = 2.5 is not a whole number; change runs$"),
@@ -85,7 +94,8 @@ def recording(campaign):
         ("campaign.sensors=mems", "'mems' is no SensorChain; write sensor_chain=NAME .*campaign.sensors$"),
         ("mechanism.gravity=9.81", "gravity = 9.81 is not a list of 2 numbers; change mechanism.gravity"),
         ("contact.restitution=1.5", r"restitution = 1.5 is outside \(0, 1\]; change contact.restitution"),
-        ("+contact.hardness=1", "unexpected keyword argument 'hardness'"),
+        ("+contact.hardness=1", "contact.hardness: there is no such key; LankaraniNikravesh takes restit"),
+        ("+sensor_chain.rod=1", "sensor_chain.rod: there is no such key; SensorChain takes sensors, default"),
         ("chain.filter_order=3", "filter_order = 3 is odd.*change chain.filter_order"),
         ("chain.decimation=0", r"decimation = 0 is outside \[1, 200\]; change chain.decimation"),
         ("integrator.step=1", r"step = 1 is outside .*; change integrator.step"),
@@ -116,6 +126,7 @@ def test_simulate_with_other_settings_names_them(refused, campaign, tmp_path):
         ("sensors=rob", "sensors/rob.*rod"),
         ("sensors.channels=[rod_axial]", "'rod_axial' is not a channel; did you mean"),
         ("sensors.channels=[]", "no channel is listed"),
+        ("sensors=[rod,crank]", r"-m sensors=rod,crank; sensors of your own: 'sensors.channels=\[...\]'$"),
         ("seed=-1", r"seed = -1 is outside .*; change seed$"),
         ("seeds=3", r"seeds=3: must be a list of different whole numbers from 0 to 4294967295; set seeds"),
         ("seeds=[1,1]", r"seeds=\[1, 1\]: must be a list of different whole numbers"),
@@ -125,6 +136,7 @@ def test_simulate_with_other_settings_names_them(refused, campaign, tmp_path):
         ("trainer.epochs=0", r"epochs = 0 is outside \[1, 1e\+06\]; change trainer.epochs"),
         ("trainer.threads=0", r"threads = 0 is outside \[1, 1024\]; change trainer.threads"),
         ("trainer.optimizer.lr=-1", "Invalid learning rate: -1; change trainer.optimizer"),
+        ("trainer.optimizer.lr=high", "lr = 'high' is not a number; change trainer.optimizer.lr$"),
         ("trainer.monitor=val/mae", "trainer.monitor=val/mae: must be one of val/loss"),
         ("model.gradient_clip=0", r"gradient_clip = 0 is outside \(0, inf\); change model.gradient_clip"),
         ("windows.length=0", r"length = 0 is outside \[1, inf\); change windows.length"),
@@ -134,7 +146,7 @@ def test_simulate_with_other_settings_names_them(refused, campaign, tmp_path):
         ("data.split.train=0.9", "their sum below 1; set data.split.train"),
         ("clearance_range=0", r"= 0 is outside \(0, 1\]; change clearance_range"),
         ("calibration.coverage=2", r"coverage = 2 is outside \[0.01, 0.999\]"),
-        ("data=stored", "Missing mandatory value: .*data.source.path"),
+        ("data=stored", "Missing mandatory value: data.source.path is not given; write data"),
         (
             ("data=stored", "data.source.path=a", "runs=9"),
             "runs=9: a number of simulated runs.*data.source.r",
@@ -169,6 +181,7 @@ def test_train_refuses_before_it_simulates_or_writes(refused, tmp_path, override
         (("data=stored", "data.source.path=data"), "run 1 is damaged.*signals/c/1/0/0 and repeat"),
         (("data=measured", "data.source.path=nothing.yaml"), "nothing.yaml: not a readable list"),
         (("data=measured", "data.source.path=list.csv"), "run.parquet has no number clearance_c"),
+        (("data=simulated", "runs=3"), "two different values are needed; train on more recordings .runs"),
         (("data=simulated", "runs=2"), "2 independent recordings: at least 3 are needed"),
         (("data=simulated", "windows.length=5000"), "2000 samples: at least 5000 are needed.*windows.length"),
         (("data=simulated", "start_time=5"), r"record_start = 5 is outside \[0, 0.3\]; change start_time"),
@@ -285,7 +298,7 @@ def with_nan(path, recording):
         (
             "a.parquet",
             lambda p, r: write(Recording(r.values, r.channels, 2e4), p),
-            "a.parquet: sampled at 20000 Hz: the model reads 10000 Hz .*resample",
+            "a.parquet: sampled at 20000 Hz: the model reads 10000 Hz .*resample.*: chain.decimation",
         ),
         ("a.parquet", lambda p, r: (write(r, p), cut(p)), "a.parquet: not readable as Parquet"),
         ("a.parquet", lambda p, r: p.write_bytes(b"foreign" * 99), "a.parquet: not readable as Parquet"),
@@ -312,13 +325,21 @@ def test_predict_refuses_a_bad_recording_and_names_it(
     ("override", "words"),
     [
         ("recordings=[]", r"recordings=\[\]: at least one file"),
+        ("recordings=folder", "folder: is a folder; name a file in it that ends in .parquet"),
+        ("output=folder", "output=folder: is a folder; set output to a file in it"),
         ("checkpoint=nowhere", "checkpoint=nowhere: no configuration of a model there"),
         ("output=/dev/full/p.json", "/dev/full"),
     ],
 )
 def test_predict_names_wrong_arguments(refused, trained, recording, tmp_path, override, words):
     write(recording, tmp_path / "good.parquet")
+    (tmp_path / "folder").mkdir()
     refused("predict", words, f"checkpoint={trained / 'run'}", "recordings=good.parquet", override)
+
+
+def test_a_training_that_is_not_there_is_missed_before_results_are_written(refused, trained, tmp_path):
+    refused("evaluate", "set picture$", f"runs={trained}", "results=results", "picture=nowhere")
+    assert not (tmp_path / "results").exists()
 
 
 def test_predict_distrusts_another_measurement_chain(trained, recording, tmp_path, monkeypatch, capfd):

@@ -201,10 +201,12 @@ def test_an_unknown_option_is_named(home):
 
 def test_a_folder_named_by_overrides_needs_no_quotes():
     assert _quoted("checkpoint=runs/model=lstm,seed=1") == "checkpoint='runs/model=lstm,seed=1'"
+    assert _quoted("begin=runs/begin='runs/a=1',seed=1") == "begin=\"runs/begin='runs/a=1',seed=1\""
     for as_it_is in (
         "model=lstm,gru",
         "recordings=[a.csv,b.csv]",
         "+a={b=1}",
+        "model.rate=choice('a/b=1',c)",
         "seed=range(3)",
         "a='b=c'",
         "--help",

@@ -40,14 +40,17 @@ def composed(command, *overrides):
         return compose(command, list(overrides), return_hydra_config=True)
 
 
-PAGES = ("README.md", *(f"docs/{page}.md" for page in ("scaling", "trial", "location", "paper", "placement")))
-TEXT = "\n".join((CONFIGURATION.parent / page).read_text() for page in PAGES)
+DESCRIBED = ("mechanism", "training", "scaling", "trial", "location", "paper", "placement")
+PAGES = ("README.md", *(f"docs/{page}.md" for page in DESCRIBED))
+TEXT = "\n".join((CONFIGURATION.parent / page).read_text() for page in PAGES).replace("\\\n", "")
 SHOWN = [
     line
     for line in re.findall(r"^python -m clearance\..*$", TEXT, re.M)
     + [f"python -m {one}" for one in re.findall(r"^\| `(clearance\.[^`]+)`", TEXT, re.M)]
     if "hydra/sweeper" not in line  # in test_sweeps
     and "--help" not in line  # in test_help
+    and "--cfg" not in line
+    and "mechanism=press.yaml" not in line  # a file: in test_commands
 ]
 
 

@@ -40,6 +40,14 @@ def test_groups_begin_with_the_chosen_option_and_leave_out_what_a_command_cannot
     assert "by_runs" not in trials
 
 
+def test_what_the_chosen_experiment_says_is_what_holds():
+    text = help_text("train")
+    assert "  runs=300 " in text
+    assert "one_cycle, paper" in text
+    assert "random, regular" in text
+    assert "  scope.cases=12 " in help_text("trial")
+
+
 def test_what_is_nested_is_named_from_the_top_and_hidden_without_a_comment():
     text = help_text("train")
     assert "calibration.coverage=0.9" in text

@@ -26,6 +26,16 @@ def test_it_ranks_sets_and_writes_a_file_and_a_picture(monkeypatch, capfd, tmp_p
     assert (tmp_path / "placement.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_of_three_sensors_no_four_are_asked_for(monkeypatch, capfd, tmp_path):
+    few = ("sensors.channels=[rod_b_axial,slider_vertical,slider_horizontal]", f"hydra.run.dir={tmp_path}")
+    one = ("conditions.clearances=[3e-4]", "conditions.speeds=[700]", "workers=1")
+    assert call(monkeypatch, capfd, "placement", *few, *one)[0] == 0
+    assert len(json.loads((tmp_path / "placement.json").read_text())["ranking"]) == 7
+    code, error = call(monkeypatch, capfd, "placement", *few, "most=4")
+    assert code == 2
+    assert "most = 4 is not a whole number from 1 to 3; change most" in error
+
+
 @pytest.mark.parametrize(
     ("override", "words"),
     [

@@ -30,6 +30,7 @@ from clearance.mechanism.parameters import (
 )
 
 _LAWS = ("guide", "guide_friction", "link", "drive", "ripple", "spring", "process", "frame", "force")
+_LONGEST = 10.0  # m
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Link:
     Attributes:
         mass: [kg].
         inertia: about the centre of mass [kg m^2].
-        length: from the first to the second joint [m].
+        length: from the first to the second joint [m], 10 at most: a larger one was meant in millimetres.
         center_of_mass: from the first joint, as a fraction of the length [-].
     """
 
@@ -49,7 +50,8 @@ class Link:
     center_of_mass: float = 0.5
 
     def __post_init__(self) -> None:
-        require(self, strict=True, mass=self.mass, inertia=self.inertia, length=self.length)
+        require(self, strict=True, mass=self.mass, inertia=self.inertia)
+        require(self, 0.0, _LONGEST, strict=True, length=self.length)
         require(self, -1.0, 2.0, center_of_mass=self.center_of_mass)
 
 

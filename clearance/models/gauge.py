@@ -152,7 +152,7 @@ class Gauge:
         if abs(rate / known.rate - 1) > SAME_RATE:
             raise InputError(
                 f"sampled at {rate:g} Hz: the model reads {known.rate:g} Hz (within {SAME_RATE:.1%}); "
-                "resample the recording or train with its rate"
+                "resample the recording, or train with its rate: chain.decimation, chain.base_rate"
             )
         if len(signals) < known.length:
             raise InputError(

@@ -65,6 +65,9 @@ class Training:
         for name in ("devices", "threads"):
             if getattr(self, name) is not None:
                 require(self, 1, 1024, whole=True, **{name: getattr(self, name)})
+        rate = getattr(self.optimizer, "keywords", {}).get("lr", 0.0)
+        if isinstance(rate, bool) or not isinstance(rate, int | float):
+            raise InputError(f"lr = {rate!r} is not a number; change trainer.optimizer.lr")
         try:
             self.optimizer([nn.Parameter(torch.zeros(1))])
         except (TypeError, ValueError) as error:

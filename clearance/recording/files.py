@@ -71,12 +71,12 @@ def write(
 
 
 def _require_readable(source: Path) -> None:
+    if source.is_dir():
+        raise InputError(f"{source}: is a folder; name a file in it that ends in {listing(FORMATS)}")
     if source.suffix.lower() not in FORMATS:
         raise InputError(
             f"{source}: the ending {source.suffix!r} is not known; recordings end in {listing(FORMATS)}"
         )
-    if source.is_dir():
-        raise InputError(f"{source}: is a folder; name a file in it that ends in {listing(FORMATS)}")
     if source.is_file():
         return
     if not source.parent.is_dir():

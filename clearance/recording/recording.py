@@ -48,7 +48,8 @@ class Recording:
         low, high = RATE_LIMITS
         if not (math.isfinite(self.rate) and low <= self.rate <= high):
             raise InputError(
-                f"rate: {self.rate:g} Hz is out of range; a recording has {low:g} to {high:g} Hz"
+                f"rate: {self.rate:g} Hz is out of range; a recording has {low:g} to {high:g} Hz; "
+                "correct the rate, or the unit of time"
             )
         if not math.isfinite(self.start_time):
             raise InputError(f"start_time: {self.start_time} is not a time; give a finite number of seconds")

@@ -83,8 +83,8 @@ class MinMaxScaler:
         low, high = values.min(axis=0), values.max(axis=0)
         if not np.all(high > low):
             raise InputError(
-                f"all training clearances of a joint are {low[high <= low][0]} m: at least two different "
-                "values are needed; check data"
+                f"all training clearances of a joint are {low[high <= low][0]:g} m: at least two different "
+                "values are needed; train on more recordings (runs), or on others (joint, data)"
             )
         return cls(tuple(low.tolist()), tuple(high.tolist()))
 

@@ -187,6 +187,11 @@ def recordings(tmp_path_factory):
         (("recordings=motion.parquet", "simulations=19"), "simulations = 19: only a diagnosis by accel"),
         (("recordings=a.parquet", "tolerances=0.02"), "tolerances = 0.02 is not null or limits"),
         (("recordings=a.parquet", "tolerances={gain: 5}"), "tolerances.gain = 5 is not between 0 and 0.2"),
+        (
+            ("recordings=a.parquet", "uncertain={slider.mass: [0.1, 0.2]}"),
+            "which these are not; uncertain=nu",
+        ),
+        (("recordings=a.parquet", "encoder_zero=unknown"), "which these are not; encoder_zero=known"),
         (("recordings=motion.parquet", "tolerances={gain: 0.02}"), "have no accelerometers"),
         (("recordings=a.parquet", "tolerances={gain: 0.02}", "simulations=19"), "accelerometers are exact"),
         (("recordings=a.parquet", "sensors=crank"), "change sensors"),
