@@ -33,12 +33,13 @@ def refit_nominal(search: Search) -> Explanation:
     astray = explanation.nominal.misfit > _UNSURE and abs(np.log(clearance / search.clearance)) > _SAME
     if search.recordings[0].raw is None or not astray or search.late():
         return explanation
-    before = search.clearance, search.traces, search.starts, search.recordings
+    before, recordings = (search.clearance, search.traces, search.starts), search.recordings
     search.retrace_all(clearance)
     other = _refitted(search)
     if other.nominal.misfit < explanation.nominal.misfit:
         return other
-    search.clearance, search.traces, search.starts, search.recordings = before
+    search.clearance, search.traces, search.starts = before
+    search.hear(recordings)
     return explanation
 
 
@@ -128,8 +129,7 @@ def _heard(search: Search, measured: Measured) -> bool:
     before = max(one.widened for one in search.recordings)
     if measured.covariance is None or not measured.widened < _SURER * before:
         return False
-    search.recordings = [one.calibrated(measured.sensors, measured.covariance) for one in search.recordings]
-    search.finished.recordings = search.recordings
+    search.hear([one.calibrated(measured.sensors, measured.covariance) for one in search.recordings])
     return True
 
 

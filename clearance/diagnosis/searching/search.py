@@ -73,6 +73,10 @@ class Search:
             self.finished.stop()
         return bool(self.stopped)
 
+    def hear(self, recordings: Sequence[Measured]) -> None:
+        """Go on with these recordings; fits of an earlier run are recalled for them too."""
+        self.recordings = self.finished.recordings = list(recordings)
+
     def trace(self) -> None:
         """Find the clearance at which the motion agrees best, and the path of every recording."""
         self.profile = self.finished.profile(
