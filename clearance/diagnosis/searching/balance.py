@@ -138,7 +138,7 @@ def suggest_forces(
 
 def _inertia_force(search: Search, machine: SliderCrank) -> float:
     """What takes the slider to and fro, about [N]."""
-    speed = min(known.speed for known in search.alignments)
+    speed = min(abs(known.speed) for known in search.alignments)
     return float(machine.slider.mass * machine.crank.length * speed**2)
 
 

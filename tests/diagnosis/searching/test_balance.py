@@ -13,7 +13,13 @@ from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.kinematics.regression import regressed
 from clearance.diagnosis.kinematics.rhythm import Rhythm
-from clearance.diagnosis.searching.balance import find_clock, settle_in, suggest_forces, suggest_names
+from clearance.diagnosis.searching.balance import (
+    _inertia_force,
+    find_clock,
+    settle_in,
+    suggest_forces,
+    suggest_names,
+)
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.work import Balance
 from clearance.diagnosis.sensing.demonstration import record
@@ -54,6 +60,14 @@ def suggested(search, setting=SETTING):
 
 def test_a_machine_that_lacks_nothing_needs_no_force():
     assert suggested(traced(NOMINAL)).forces == []
+
+
+def test_the_slowest_recording_says_what_inertia_forces_there_are_whichever_way_the_crank_turns():
+    def force(*speeds):
+        search = SimpleNamespace(alignments=[SimpleNamespace(speed=speed) for speed in speeds])
+        return _inertia_force(search, SETTING.machine)
+
+    assert force(-70.0, -140.0) == force(70.0, 140.0) == force(140.0, -70.0)
 
 
 @pytest.mark.slow
