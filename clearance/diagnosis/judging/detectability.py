@@ -108,7 +108,6 @@ def detectability_map(
     speeds: Sequence[float],
     sensor_sets: Sequence[SensorSet],
     faults: Sequence[Effect] = (),
-    noise: float = NOISE,
 ) -> dict[str, Any]:
     """The smallest sizes for one second of recording.
 
@@ -122,7 +121,6 @@ def detectability_map(
         speeds: [rpm].
         sensor_sets: of accelerations.
         faults: of one sensor each, see ``faults_of_sensors``.
-        noise: standard deviation over that of the channel.
 
     Returns:
         As the report takes it: ``effects``, each with ``size`` by sensor set, (clearances, speeds).
@@ -140,12 +138,12 @@ def detectability_map(
         entry["size"] = {s.name: [[None] * len(speeds) for _ in clearances] for s in sensor_sets}
     for i, clearance in enumerate(clearances):
         for j, speed in enumerate(speeds):
-            found = deviations(setting, chosen, clearance, speed, sensor_sets, faults, noise)
+            found = deviations(setting, chosen, clearance, speed, sensor_sets, faults)
             for name, each in found.items():
                 for entry, deviation, span in zip(entries, each, spans, strict=True):
                     entry["size"][name][i][j] = _size(deviation, span)
     return {
-        "joint": setting.joint, "noise": noise, "seconds": 1.0,
+        "joint": setting.joint, "noise": NOISE, "seconds": 1.0,
         "clearance_m": list(clearances), "speed_rpm": list(speeds),
         "sensor_sets": {s.name: list(s.channels) for s in sensor_sets}, "effects": entries,
     }  # fmt: skip

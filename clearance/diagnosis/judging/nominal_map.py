@@ -28,12 +28,8 @@ _STORED = "nominal_map.json"
 _MACHINES = {"B": SliderCrank(joint_b=Joint(3e-4)), "C": SliderCrank(joint_c=Joint(3e-4))}
 
 
-def write_nominal_map(path: Path | None = None) -> None:
-    """Compute the maps of both joints, with the paper's sets of sensors, in a few minutes.
-
-    Args:
-        path: of the file; ``None``: where ``nominal_map`` looks for it.
-    """
+def write_nominal_map() -> None:
+    """Compute the maps of both joints, with the paper's sets of sensors, in a few minutes."""
     effects, sensor_sets = load_effects("all", []), _sensor_sets()
     faults = faults_of_sensors(effects)
     maps = {}
@@ -41,7 +37,7 @@ def write_nominal_map(path: Path | None = None) -> None:
         groups = gather([e for e in effects if e.kind == "physics"], machine, joint, ())
         setting = Setting(machine, joint)
         maps[joint] = detectability_map(setting, groups, CLEARANCES, SPEEDS, sensor_sets, faults)
-    write_json(path or Path(str(resources.files(__package__).joinpath(_STORED))), maps)
+    write_json(Path(str(resources.files(__package__).joinpath(_STORED))), maps)
 
 
 def nominal_map(
