@@ -8,11 +8,11 @@ import numpy as np
 
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.sensing.instrument import Instrument
-from clearance.diagnosis.shooting.follow import STRUCTURE
 from clearance.diagnosis.shooting.model import Model, Unknown
 from clearance.errors import InputError
 from clearance.mechanism.drive import Drive, SpeedControl
 from clearance.mechanism.joint import CLEARANCE_RANGE
+from clearance.mechanism.parameters import STRUCTURE
 from clearance.mechanism.slider_crank import SliderCrank
 
 JOINTS = ("B", "C")
@@ -76,7 +76,7 @@ class Hypothesis:
     def structural(self, machine: SliderCrank) -> bool:
         """Whether it gives the machine new coordinates."""
         codes = self.apply(machine, self.start).codes()
-        return bool((codes[list(STRUCTURE)] != machine.codes()[list(STRUCTURE)]).any())
+        return bool((codes[STRUCTURE] != machine.codes()[STRUCTURE]).any())
 
 
 def same(one: Hypothesis, other: Hypothesis) -> bool:

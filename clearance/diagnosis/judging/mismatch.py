@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt
+from clearance.diagnosis.sensing.measured import SAMPLES
 from clearance.diagnosis.shooting.follow import EDGE
-from clearance.simulation.layout import State
+from clearance.simulation.layout import COORDINATES, State
 
 ANGLE_BINS = 36
 _BLOCK = 128  # samples of a spectrum
@@ -87,7 +88,7 @@ def innovations(attempt: Attempt, joint: str, floor: Attempt | None = None) -> l
         pair = one.chart.journals[0 if joint == "B" else -1]  # C's is the last, where both are loose
         first, second = one.chart.rows[[pair[0], pair[1]]]
         ex, ey = nodes[:, first], nodes[:, second]
-        vx, vy = nodes[:, first + 10], nodes[:, second + 10]
+        vx, vy = nodes[:, COORDINATES + first], nodes[:, COORDINATES + second]
         gap = attempt.fit.values[r, 0]
         along = np.abs(ex * vy - ey * vx) / np.maximum(np.hypot(ex, ey), 1e-9) * gap
         sliding = touching & (along[:, None] > _SLIDING)
@@ -106,8 +107,8 @@ def root_mean_square(errors: Sequence[Innovations]) -> float:
 
 
 def _block_squares(values: np.ndarray) -> np.ndarray:
-    """(blocks,) mean squares of blocks of ten samples of (samples, channels)."""
-    blocks = values[: len(values) // 10 * 10].reshape(-1, 10 * values.shape[1])
+    """(blocks,) mean squares of blocks of a segment's length of (samples, channels)."""
+    blocks = values[: len(values) // SAMPLES * SAMPLES].reshape(-1, SAMPLES * values.shape[1])
     squares: np.ndarray = (blocks**2).mean(axis=1)
     return squares
 
@@ -119,9 +120,9 @@ def _quiet_square(each: np.ndarray) -> float:
 
 def interval(errors: Sequence[Innovations], draws: int = 400) -> tuple[float, float]:
     """95 % interval of ``root_mean_square`` by resampling blocks of ten segments (Kuensch 1989)."""
-    generator = np.random.default_rng(0)
+    generator, length = np.random.default_rng(0), 10 * SAMPLES
     rows = np.concatenate(
-        [_block_squares(one.values[: len(one.values) // 100 * 100]).reshape(-1, 10) for one in errors]
+        [_block_squares(one.values[: len(one.values) // length * length]).reshape(-1, 10) for one in errors]
     )
     found = [
         np.sqrt(_quiet_square(rows[generator.integers(0, len(rows), len(rows))].ravel()))
@@ -221,13 +222,14 @@ def summary(errors: Sequence[Innovations]) -> dict[str, Any]:
     return {
         "channels": {c: round(float(s), 4) for c, s in zip(channels, share, strict=True) if s > 0.005},
         "regime": loudest if spread > 2.0 else everywhere,
-        "crank_angle_deg": [[a * width, b * width] for a, b in _ranges(loud)],
+        "crank_angle_deg": [[a * width, b * width] for a, b in ranges(loud)],
         "frequency_hz": [
-            [float(frequency[a]), float(frequency[min(b, len(frequency) - 1)])] for a, b in _ranges(high)
+            [float(frequency[a]), float(frequency[min(b, len(frequency) - 1)])] for a, b in ranges(high)
         ],
     }
 
 
-def _ranges(mask: np.ndarray) -> list[tuple[int, int]]:
+def ranges(mask: np.ndarray) -> list[tuple[int, int]]:
+    """Where a mask is true: the first of each run, and the one after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -15,6 +15,7 @@ from clearance.configuration import CONFIGURATION
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather, settled
 from clearance.diagnosis.judging.detectability import detectability_map, faults_of_sensors
+from clearance.diagnosis.sensing.restoration import STILL
 from clearance.mechanism.drive import Drive
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
@@ -81,8 +82,7 @@ def _alike(setting: Setting) -> bool:
 
 def _has(channels: Sequence[str], needed: Sequence[str]) -> bool:
     """Whether a recording is of a sensor set; what shows nothing in the nominal machine may be left out."""
-    quiet = {"crank_a_transverse", "crank_a_axial", "slider_vertical"}
-    return set(needed) - quiet <= set(channels)
+    return set(needed) - set(STILL) <= set(channels)
 
 
 def _sensor_sets() -> list[SensorSet]:

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
+from clearance.diagnosis.judging.mismatch import ranges
+
 BINS = 36  # of the crank's angle
 _FALSE_DISCOVERIES = 0.05
 _LOUD = 1.3  # a root mean square over noise that stands out
@@ -81,15 +83,10 @@ def summary(rests: Rests, angles: Rests, channels: Sequence[str], rate: float) -
         "regime": "all",
         "channels": {c: round(float(s), 4) for c, s in zip(channels, share, strict=True) if s > 0.005},
         "crank_angle_deg": [
-            [a * width, b * width] for a, b in _ranges(angle_level > max(_LOUD, 0.7 * angle_level.max()))
+            [a * width, b * width] for a, b in ranges(angle_level > max(_LOUD, 0.7 * angle_level.max()))
         ],
         "frequency_hz": [
             [float(frequency[a]), float(frequency[min(b, len(frequency) - 1)])]
-            for a, b in _ranges(frequency_level > max(_LOUD, 0.3 * frequency_level.max()))
+            for a, b in ranges(frequency_level > max(_LOUD, 0.3 * frequency_level.max()))
         ],
     }
-
-
-def _ranges(mask: np.ndarray) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

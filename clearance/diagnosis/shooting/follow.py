@@ -18,7 +18,7 @@ from clearance.diagnosis.shooting.filtering import pass_filter
 from clearance.diagnosis.shooting.stretch import INPUTS, OUTLIER, Comparison, Pass, Path, continuity
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import CONSTANTS
-from clearance.mechanism.parameters import JOINT_STRIDE, PARAMETERS, Family, Parameter
+from clearance.mechanism.parameters import JOINT_STRIDE, PARAMETERS, STRUCTURE, Family, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.batch import aligned
 from clearance.simulation.integrator import Integrator
@@ -374,7 +374,6 @@ def _silence(flow: np.ndarray, shared: np.ndarray, known: int) -> None:
     shared[..., broken] = 0.0
 
 
-STRUCTURE = (Family.JOINT_B, Family.JOINT_C, Family.GUIDE, Family.LINK, Family.FRAME)
 _SMOOTHING = (
     Parameter.JOINT_FRICTION_SPEED,
     Parameter.JOINT_FRICTION_SPEED + JOINT_STRIDE,
@@ -384,8 +383,7 @@ _SMOOTHING = (
 
 def alike(one: SliderCrank, other: SliderCrank) -> bool:
     """Whether two machines have the same coordinates."""
-    rows = list(STRUCTURE)
-    return bool((one.codes()[rows] == other.codes()[rows]).all())
+    return bool((one.codes()[STRUCTURE] == other.codes()[STRUCTURE]).all())
 
 
 def _joint_codes(machines: Sequence[SliderCrank]) -> np.ndarray:
