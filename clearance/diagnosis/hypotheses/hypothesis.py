@@ -17,6 +17,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 
 JOINTS = ("B", "C")
 SMALLEST_CLEARANCE = 5e-6  # m; below, the joint is as good as ideal
+SOME_CLEARANCE = 3e-4  # m, of a machine where any will do
 _STEP = 1e-4  # of a parameter's plausible size, for its derivative
 _REACH = 0.3  # of it: change that a linearisation surely bears
 _SPAN = 0.1  # of its range is plausible where a parameter begins at zero

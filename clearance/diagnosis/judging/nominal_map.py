@@ -13,7 +13,7 @@ from omegaconf import OmegaConf
 
 from clearance.configuration import CONFIGURATION
 from clearance.diagnosis.hypotheses.effect_files import load_effects
-from clearance.diagnosis.hypotheses.hypothesis import Setting, gather, settled
+from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Setting, gather, settled
 from clearance.diagnosis.judging.detectability import detectability_map, faults_of_sensors
 from clearance.diagnosis.sensing.restoration import STILL
 from clearance.mechanism.drive import Drive
@@ -26,7 +26,7 @@ CLEARANCES = (5e-5, 1e-4, 2e-4, 3e-4, 5e-4, 8e-4)  # m
 SPEEDS = (500.0, 600.0, 700.0, 800.0, 900.0, 1000.0)  # rpm
 _SETS = ("all", "crank", "no_crank", "no_rod", "no_slider", "rod")  # options of sensors; the paper's Table 9
 _STORED = "nominal_map.json"
-_MACHINES = {"B": SliderCrank(joint_b=Joint(3e-4)), "C": SliderCrank(joint_c=Joint(3e-4))}
+_MACHINES = {"B": SliderCrank(joint_b=Joint(SOME_CLEARANCE)), "C": SliderCrank(joint_c=Joint(SOME_CLEARANCE))}
 
 
 def write_nominal_map() -> None:
@@ -74,7 +74,7 @@ def _alike(setting: Setting) -> bool:
         assert isinstance(machine.drive, Drive)
         return replace(machine, drive=settled(machine.drive.at_speed(SPEEDS[0])))
 
-    own, drawn = at_one_speed(setting.with_clearance(3e-4)), at_one_speed(_MACHINES[setting.joint])
+    own, drawn = at_one_speed(setting.with_clearance(SOME_CLEARANCE)), at_one_speed(_MACHINES[setting.joint])
     if not np.array_equal(own.codes(), drawn.codes()):
         return False
     return bool(np.allclose(own.parameters(), drawn.parameters()))

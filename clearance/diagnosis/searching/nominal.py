@@ -7,7 +7,7 @@ where it moves it, the paths of all recordings are sought anew. Then all are fol
 import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, FOLLOWED, refine
-from clearance.diagnosis.following.growth import Followed, Start, grow
+from clearance.diagnosis.following.growth import Followed, Start, grow, surest_of
 from clearance.diagnosis.hypotheses.clipping import clipped_sensors
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import PATIENCE, Search
@@ -109,7 +109,7 @@ def _find_starts(search: Search, model: Model) -> np.ndarray:
 
 def _glanced(search: Search, model: Model, values: np.ndarray) -> Followed | None:
     """Some steps through the surest recording, whose clearance counts; nothing if these tell little."""
-    surest = int(np.argmin([start.doubt for start in search.starts]))
+    surest = surest_of(search.starts)
     best, misfit = None, _UNSURE
     for factor in _FACTORS:
         row = values[surest] * [factor, 1.0]
@@ -135,7 +135,7 @@ def _heard(search: Search, measured: Measured) -> bool:
 
 def _kept(search: Search, seen: Follower) -> list[Start]:
     """The starts, of which the surest has just been followed from, its sensors calibrated."""
-    surest = int(np.argmin([start.doubt for start in search.starts]))
+    surest = surest_of(search.starts)
     kept = []
     for r, (start, trace) in enumerate(zip(search.starts, search.traces, strict=True)):
         follower = start.follower.part(0, start.follower.segments)
