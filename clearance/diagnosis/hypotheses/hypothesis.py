@@ -153,8 +153,8 @@ def of_fault(effect: Effect, machine: SliderCrank, joint: str) -> Hypothesis:
 def at_pace(machine: SliderCrank, rate_error: float) -> SliderCrank:
     """The machine as a clock sees it whose second lasts ``1 + rate_error``: stiffer, and driven harder.
 
-    Forces count the square of the unit of time, dampings its first power. Contact and drive are carried over;
-    other laws follow within the clock's error of a part in a hundred.
+    Forces count the square of the unit of time, dampings its first power. Contact and a speed control are
+    carried over; other laws keep their numbers, and are off by up to twice what the clock is.
     """
     if rate_error == 0.0:
         return machine

@@ -24,7 +24,7 @@ from clearance.mechanism.applied_force import TabulatedForce, shares
 FITTED = "fitted recordings and motion"
 """The basis of play in a guide where recordings that were held out are lost."""
 _ALONG = 4  # points from knot to knot at which a spline is given
-_WORSE = 1.02  # and ratio of their levels
+_WORSE = 1.02  # times the best one's level, below which another is as good
 _UNITS = {
     "crank_angle": "rad",
     "rod_angle": "rad",

@@ -45,6 +45,10 @@ class Follower:
         nudge: share of these by which derivatives are taken: near a path small ones are right, far from it
             large ones lead further.
         path: present nodes and inputs.
+        signals: (segments, periods, signals) the motion as last computed; NaN where it has not been yet.
+        wide: (periods, filtered samples) what a segment's motion leaves in the samples around it.
+        narrow: (filtered samples, periods) the same in the samples of itself and its two neighbours.
+        periods: of the chain's base rate in a segment.
     """
 
     measured: Measured
@@ -53,6 +57,9 @@ class Follower:
     nudge: float = 1.0
     path: Path = field(init=False)
     signals: np.ndarray = field(init=False)
+    wide: np.ndarray = field(init=False)
+    narrow: np.ndarray = field(init=False)
+    periods: int = field(init=False)
 
     def __post_init__(self) -> None:
         segments = len(self.measured.values)
