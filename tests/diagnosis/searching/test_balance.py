@@ -276,7 +276,7 @@ def test_a_force_without_a_name_is_a_table_and_what_is_inside_a_joint_does_no_wo
     force = -400.0 * (place.curve.knots - 0.11)
     np.testing.assert_allclose(place.values, force, atol=1.5)  # at dead centres, where it does no work, too
     settled = settle_in(search, SETTING, place)
-    np.testing.assert_allclose(settled.values, force, atol=4.0)
+    np.testing.assert_allclose(settled.values, force, atol=2.0)
     before = balance.fit((), np.zeros(0)).cost
     assert place.cost < 0.5 * before
     stiffness = balance.best(search.groups["contact_stiffness(stiffness_scale)"])
