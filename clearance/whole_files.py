@@ -3,7 +3,7 @@
 import contextlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -49,6 +49,13 @@ def write_json(path: Path, content: Any) -> None:
     """Write plain data atomically; NaN and infinity are refused, since JSON has neither."""
     text = json.dumps(content, indent=1, allow_nan=False)
     write_atomically(path, lambda file: file.write_text(text + "\n", encoding="utf-8"))
+
+
+def write_yaml(path: Path, content: Mapping[str, Any], comment: str = "") -> None:
+    """Write plain data atomically in the order it is in, below the lines of a comment."""
+    lines = [f"# {line}\n" for line in comment.splitlines()]
+    text = "".join(lines) + yaml.safe_dump(content, sort_keys=False)
+    write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"))
 
 
 def read_json(path: Path, key: str = "checkpoint") -> Any:

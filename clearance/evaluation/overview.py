@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
+from clearance.evaluation.figures import new_figure
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.chain import MeasurementChain
@@ -29,8 +29,7 @@ def overview(fresh: list[dict[str, Any]], name: str) -> Figure:
         fresh: what ``FreshEvaluation.to_json`` gave of each joint.
         name: of the model that made it.
     """
-    figure = Figure(figsize=(13, 4.2), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(13, 4.2)
     machine, signals, estimates = figure.subplots(1, 3, width_ratios=(1.25, 1, 1))
     _draw_machine(machine)
     _draw_signals(signals)

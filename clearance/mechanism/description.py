@@ -9,11 +9,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from clearance.errors import InputError
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import Link, SliderCrank
+from clearance.whole_files import write_yaml
 
 _PARTS = (SliderCrank, Joint, Link)  # what a change goes into; a law is replaced as a whole
 _PACKAGE = "clearance.mechanism."
@@ -124,6 +123,5 @@ def write_mechanism(path: Path, machine: SliderCrank, comment: str = "") -> None
     It says only what differs from the paper's machine, so that what it does not name can still be chosen on
     the command line.
     """
-    lines = [f"# {line}\n" for line in comment.splitlines()]
     content = {"defaults": ["slider_crank", "_self_"], **difference(SliderCrank(), machine)}
-    path.write_text("".join(lines) + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    write_yaml(path, content, comment)

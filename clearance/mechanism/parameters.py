@@ -197,6 +197,8 @@ class Family(IntEnum):
 
 
 FAMILIES = len(Family)
+STRUCTURE = [Family.JOINT_B, Family.JOINT_C, Family.GUIDE, Family.LINK, Family.FRAME]
+"""Families whose laws give the machine coordinates that an ideal one lacks."""
 
 
 class Law:

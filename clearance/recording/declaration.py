@@ -29,6 +29,7 @@ from clearance.recording.bounds import bounded, listing, resembling
 from clearance.recording.channels import TIME, require_channel, si_factor
 from clearance.recording.recording import RATE_LIMITS
 from clearance.recording.sensors import SensorChain, declared_sensor
+from clearance.whole_files import write_yaml
 
 KEYS = ("columns", "ignore", "units", "scale", "rate", "sensors", "chain", "metadata")
 SUFFIXES = (".yaml", ".yml")
@@ -86,9 +87,7 @@ def read_declaration(recording: Path) -> Declaration:
 
 def write_sensors(path: Path, sensors: Mapping[str, Mapping[str, float]], comment: str = "") -> None:
     """Write what sensors do as a YAML that may lie beside their recordings."""
-    lines = [f"# {line}\n" for line in comment.splitlines()]
-    content = {"sensors": {name: dict(entry) for name, entry in sensors.items()}}
-    path.write_text("".join(lines) + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    write_yaml(path, {"sensors": {name: dict(entry) for name, entry in sensors.items()}}, comment)
 
 
 def _load(path: Path) -> Mapping[str, Any]:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clearance.errors import InputError
+from clearance.processes import environment
 from clearance.recording.bounds import require_size, shape_refusal
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -40,14 +41,12 @@ class Datasets:
 
 def datasets(path: Path) -> Datasets:
     """Return the datasets of a file; a child process reads them."""
-    root = str(Path(__file__).resolve().parents[2])
-    search = os.pathsep.join(entry for entry in (root, os.environ.get("PYTHONPATH", "")) if entry)
     try:
         # -P: the current folder is the user's, not a place to import from.
         child = subprocess.run(
             [sys.executable, "-P", "-c", _CHILD, os.fspath(path.resolve())],
             capture_output=True,
-            env={**os.environ, "PYTHONPATH": search},
+            env=environment(),
             timeout=_PATIENCE,
             check=False,
         )

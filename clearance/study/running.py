@@ -130,8 +130,9 @@ class Runner:
         code = self._run(command, cell / _LOG, self.left)
         seconds = time.monotonic() - began
         done = [t for t in batch.trainings if self.finished(t)]
-        if code not in (0, None) and not self._stopped.is_set():
-            self.failed += [t for t in batch.trainings if t not in done]
+        missing = [t for t in batch.trainings if t not in done]
+        if code is not None and (code != 0 or missing) and not self._stopped.is_set():
+            self.failed += missing
             log.warning("%s: exit code %s; see %s", batch, code, cell / _LOG)
         elif code is None:
             log.info("%s: the time is up after %.0f s; it goes on from there next time", batch, seconds)
@@ -139,7 +140,7 @@ class Runner:
             log.info("%s: %.0f s", batch, seconds)
         # Trees that were cut begin anew: that they take longer than this is all that is known.
         lost = code is None and not any((self.place(t) / _CHECKPOINTS).exists() for t in batch.trainings)
-        if (code == 0 and not begun) or lost:
+        if (code == 0 and done and not begun) or lost:
             each = round(seconds / (len(done) + lost), 3)
             self._add_costs([Cost(batch.setting.model, batch.setting.decimation, each)])
 

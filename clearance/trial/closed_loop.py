@@ -234,9 +234,7 @@ def _trained(one: Revealed, folder: Path, loop: Loop, report: Callable[[str], No
     """The folder of each estimator's training; what is not there is trained."""
     case, own, nominal = one.case, folder / one.case.name, folder / f"nominal_{one.case.joint}"
     truth, corrected = own / "truth.yaml", own / CORRECTED
-    write_atomically(
-        truth, lambda file: write_mechanism(file, true_machine(case), "what was true of the case")
-    )
+    write_mechanism(truth, true_machine(case), "what was true of the case")
     low, high = _clearances(case, loop)
     said = max(low, _TOUCHING * _lobes(one.corrected, case.joint))  # may be larger than they are
 

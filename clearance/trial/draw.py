@@ -91,6 +91,15 @@ class Scope:
                     f"tolerances.{name} = {tolerance!r}: above 0, choose from {allowed_ones}; change "
                     "scope.tolerances"
                 )
+        uneven = [one for one in self.noise if len(one) != 2 or not (0.0 <= one[0] < 1.0 and one[1] >= 0.0)]
+        if uneven or sum(share for _, share in self.noise) <= 0.0:
+            raise InputError(
+                f"noise = {[list(one) for one in self.noise]} must be pairs of a level in [0, 1) and a share "
+                "of at least 0, not all 0; change scope.noise"
+            )
+        for name in ("encoder", "known_frame"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InputError(f"{name} = {getattr(self, name)} is no share in [0, 1]; change scope.{name}")
         limits = (("clearance_range", 1e-6, 2e-3), ("speed_range", 100.0, 3000.0), ("seconds", 0.2, 60.0))
         for name, low, high in limits:
             given = getattr(self, name)

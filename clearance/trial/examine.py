@@ -102,6 +102,8 @@ class Examiner:
             )  # fmt: skip
         running.add(process)
         try:
+            if stopped.is_set():  # begun just as the others were ended
+                return
             process.wait(self.time_limit)
             failure, diagnosis = _answer(process.returncode, place)
         except subprocess.TimeoutExpired:

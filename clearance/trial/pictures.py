@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+from clearance.evaluation.figures import new_figure
 
 Row = Mapping[str, Any]
 _FAINTEST = 1e-2  # visibilities below are drawn there
@@ -25,7 +26,7 @@ def power(rows: Sequence[Row], bins: Sequence[Mapping[str, Any]]) -> Figure:
     shown = [row for row in rows if row["visibility"]]
     labels = sorted({_label(row) for row in shown})
     height = 0.28 * len(labels) + 1.0
-    figure = _figure(9, height + 3.0)
+    figure = new_figure(9, height + 3.0)
     axes, curve = figure.subplots(2, 1, sharex=True, height_ratios=[height, 2.0])
     for state, colour in _COLOURS.items():
         points = [
@@ -60,7 +61,7 @@ def confusion(table: Mapping[str, Mapping[str, int]]) -> Figure:
     truths = list(table)
     said = sorted({name for cells in table.values() for name in cells})
     counts = np.array([[table[t].get(s, 0) for s in said] for t in truths])
-    figure = _figure(0.32 * len(said) + 3.2, 0.28 * len(truths) + 2.8)
+    figure = new_figure(0.32 * len(said) + 3.2, 0.28 * len(truths) + 2.8)
     axes = figure.add_subplot()
     shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
     axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
@@ -76,7 +77,7 @@ def confusion(table: Mapping[str, Mapping[str, int]]) -> Figure:
 def estimates(rows: Sequence[Row]) -> Figure:
     """Errors of parameters and clearances, with 95 % intervals; held-out errors."""
     said = [row for row in rows if row["verdict"] is not None]
-    figure = _figure(12, 4)
+    figure = new_figure(12, 4)
     asserted = [p for row in said for p in row["parameters"] if p["true"] != 0.0]
     _errors(figure.add_subplot(1, 3, 1), asserted, [p["true"] for p in asserted], "asserted parameters")
     known = [row for row in said if row["right"] and (row["clearance"] or {}).get("low") is not None]
@@ -105,7 +106,7 @@ def loop(rows: Sequence[Row]) -> Figure:
     """Clearances that estimators read, against the true ones: one panel a case."""
     columns = min(len(rows), 4)
     lines = -(-len(rows) // columns)
-    figure = _figure(3.2 * columns, 3.2 * lines)
+    figure = new_figure(3.2 * columns, 3.2 * lines)
     for place, row in enumerate(rows, 1):
         axes = figure.add_subplot(lines, columns, place)
         true = 1e3 * np.array(row["true_m"])
@@ -146,10 +147,3 @@ def _label(row: Row) -> str:
 
 def _state(row: Row) -> str:
     return "right" if row["right"] else "detected" if row.get("detected") else "missed"
-
-
-def _figure(width: float, height: float) -> Figure:
-    # Without pyplot: no global list of figures, nothing to close.
-    figure = Figure(figsize=(width, height), layout="constrained", dpi=110)
-    FigureCanvasAgg(figure)
-    return figure

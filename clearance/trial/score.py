@@ -166,12 +166,7 @@ def _why(case: Case, row: Mapping[str, Any]) -> str | None:
         return None if row["verdict"] == "none" else f"false alarm: {said}"
     if row["verdict"] == "none":
         faint = min(row["visibility"].values())
-        where = "below" if faint < 1.0 else "at"
-        return (
-            f"missed {where} the threshold"
-            if where == "below"
-            else f"missed, {faint:.1f} times the threshold"
-        )
+        return "missed below the threshold" if faint < 1.0 else f"missed, {faint:.1f} times the threshold"
     if case.kind in UNNAMED:
         if row["verdict"] != "unknown":
             return f"named {said}, where no name is right"

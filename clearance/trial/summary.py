@@ -294,7 +294,7 @@ _HISTORY: tuple[tuple[str, str, Callable[[Mapping[str, Any]], str]], ...] = (
     (
         "clearance, best sensors, 90 % below",
         "clearance_error_at_best",
-        lambda one: f"{_percent(one['p90'])} %",
+        lambda one: f"{_percent(one['p90'])} %" if one["of"] else "none",
     ),
-    ("90 % of cases within", "seconds", lambda one: f"{one['p90']:.0f} s"),
+    ("90 % of cases within", "seconds", lambda one: f"{one['p90']:.0f} s" if one["of"] else "none"),
 )

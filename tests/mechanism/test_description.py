@@ -1,6 +1,7 @@
 """Machines as nested mappings: what is written makes the same machine again, by every command."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import yaml
@@ -51,6 +52,22 @@ def test_a_written_machine_is_read_again(tmp_path):
     write_mechanism(path, MACHINE, "found by a test\nin two lines")
     assert path.read_text().startswith("# found by a test\n# in two lines\ndefaults:")
     assert mechanism(with_mechanism_file(f"mechanism={path}")) == MACHINE
+
+
+def test_a_machine_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "corrected.yaml"
+    write_mechanism(path, MACHINE)
+    before = path.read_text()
+
+    def full(file, text, **_):
+        file.write_bytes(text[:20].encode())
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(InputError, match=r"corrected\.yaml: not written"):
+        write_mechanism(path, SliderCrank())
+    assert path.read_text() == before
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_what_a_written_machine_does_not_name_is_still_chosen_on_the_command_line(tmp_path):

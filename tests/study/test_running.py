@@ -27,6 +27,8 @@ for seed in given["seed"].split(","):
     time.sleep(float(given.get("pause", 0)))
     if "fail" in given:
         sys.exit(2)
+    if "forget" in given:
+        continue
     (folder / "metrics.json").write_text("{}")
     (folder / "checkpoints").rmdir()
 """
@@ -119,7 +121,8 @@ def test_batches_run_side_by_side_and_an_interruption_ends_them(runner):
     assert all(again.finished(t) for t in (*BATCH.trainings, *other.trainings))
 
 
-def test_a_failure_is_kept_and_the_others_go_on(runner):
-    one = runner(1000.0, "fail=1")
+@pytest.mark.parametrize("way", ["fail=1", "forget=1"])
+def test_a_failure_is_kept_and_the_others_go_on(runner, way):
+    one = runner(1000.0, way)
     assert one.train(BATCH) == 0
     assert one.failed == BATCH.trainings

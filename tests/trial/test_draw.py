@@ -140,6 +140,11 @@ def test_shares_become_whole_numbers():
         ({"clearance_range": (1e-3, 1e-4)}, "change scope.clearance_range"),
         ({"seconds": (0.01, 1.0)}, "change scope.seconds"),
         ({"sensors": {"eleven": 1.0}}, "sensors.eleven is unknown"),
+        ({"noise": ((0.01,),)}, "change scope.noise"),
+        ({"noise": ((0.01, -1.0), (0.05, 2.0))}, "change scope.noise"),
+        ({"noise": ()}, "change scope.noise"),
+        ({"encoder": 1.5}, "encoder = 1.5 is no share"),
+        ({"known_frame": -0.1}, "change scope.known_frame"),
     ],
 )
 def test_a_wrong_scope_is_refused(wrong, words):

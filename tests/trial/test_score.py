@@ -290,6 +290,13 @@ def test_published_trials_are_listed_newest_first():
     assert "| 48 | 0 | 0 of 5 | 21 of 22 | 1 of 4 | 37 of 39 | 12 of 13 |" in row
 
 
+def test_a_trial_without_a_case_of_a_kind_is_listed_too(secrets):
+    none_right = summarise([scored(FRICTION, verdict(), secrets)])
+    assert none_right["clearance_error_at_best"]["of"] == 0
+    row = history({"trial-1.json": {**none_right, "date": "2026-01-01", "seed": 1}}).splitlines()[-1]
+    assert row.endswith("| none | 10 s |")
+
+
 def test_a_small_trial_of_the_tool_itself(tmp_path):
     """One null, one effect, one force outside the list: concealed, diagnosed, revealed, scored."""
     settings = (

@@ -8,6 +8,7 @@ import stat
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -122,6 +123,18 @@ def test_a_clipped_channel_makes_no_smaller_file(tmp_path):
         write_parquet(recording, path)
         sizes.append(path.stat().st_size)
     assert sizes[0] == sizes[1]
+
+
+def test_a_case_that_is_begun_as_a_trial_is_stopped_is_ended_and_asked_again_another_time(trial):
+    trial.answer({"case_0001": "hang"})
+    examiner = Examiner([sys.executable, str(TOOL), str(trial.answers)])
+    stopped, running = threading.Event(), set()
+    stopped.set()
+    began = time.monotonic()
+    examiner._ask(trial.folder, "case_0001", running, stopped, pytest.fail)
+    assert time.monotonic() - began < 20.0
+    assert not running
+    assert not (trial.folder / VERDICTS / "case_0001" / VERDICT).exists()
 
 
 def test_the_truth_is_not_needed_for_the_verdicts(trial):

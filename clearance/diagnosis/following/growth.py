@@ -10,6 +10,7 @@ Reference: moving-horizon estimation, Rao, Rawlings & Mayne 2003, IEEE Trans. Au
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -223,6 +224,11 @@ def _fitted(
     if isinstance(found, Fit):  # what it left open of the sensors counts as noise in the steps that follow
         follower.measured = follower.measured.calibrated(follower.measured.sensors, found.covariance)
     return found, reached
+
+
+def surest_of(starts: Sequence[Start]) -> int:
+    """The recording that is followed with the least doubt."""
+    return int(np.argmin([start.doubt for start in starts]))
 
 
 def scale_of(misfit: float) -> float:

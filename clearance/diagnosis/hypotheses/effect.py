@@ -284,15 +284,6 @@ class Effect:
         return text[0].upper() + text[1:]
 
 
-def corrected_machine(
-    machine: SliderCrank, joint: str, effects: Sequence[tuple[Effect, Mapping[str, float]]]
-) -> SliderCrank:
-    """The machine with several effects, applied one after the other."""
-    for effect, values in effects:
-        machine = effect.machine(machine, joint, values)
-    return machine
-
-
 def _filled(text: str, joint: str) -> str:
     if joint not in _JOINTS:
         raise InputError(f"joint = {joint!r} is not one of {', '.join(_JOINTS)}; change joint")

@@ -8,15 +8,16 @@ import numpy as np
 
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.sensing.instrument import Instrument
-from clearance.diagnosis.shooting.follow import STRUCTURE
 from clearance.diagnosis.shooting.model import Model, Unknown
 from clearance.errors import InputError
 from clearance.mechanism.drive import Drive, SpeedControl
 from clearance.mechanism.joint import CLEARANCE_RANGE
+from clearance.mechanism.parameters import STRUCTURE
 from clearance.mechanism.slider_crank import SliderCrank
 
 JOINTS = ("B", "C")
 SMALLEST_CLEARANCE = 5e-6  # m; below, the joint is as good as ideal
+SOME_CLEARANCE = 3e-4  # m, of a machine where any will do
 _STEP = 1e-4  # of a parameter's plausible size, for its derivative
 _REACH = 0.3  # of it: change that a linearisation surely bears
 _SPAN = 0.1  # of its range is plausible where a parameter begins at zero
@@ -76,7 +77,7 @@ class Hypothesis:
     def structural(self, machine: SliderCrank) -> bool:
         """Whether it gives the machine new coordinates."""
         codes = self.apply(machine, self.start).codes()
-        return bool((codes[list(STRUCTURE)] != machine.codes()[list(STRUCTURE)]).any())
+        return bool((codes[STRUCTURE] != machine.codes()[STRUCTURE]).any())
 
 
 def same(one: Hypothesis, other: Hypothesis) -> bool:
@@ -152,8 +153,8 @@ def of_fault(effect: Effect, machine: SliderCrank, joint: str) -> Hypothesis:
 def at_pace(machine: SliderCrank, rate_error: float) -> SliderCrank:
     """The machine as a clock sees it whose second lasts ``1 + rate_error``: stiffer, and driven harder.
 
-    Forces count the square of the unit of time, dampings its first power. Contact and drive are carried over;
-    other laws follow within the clock's error of a part in a hundred.
+    Forces count the square of the unit of time, dampings its first power. Contact and a speed control are
+    carried over; other laws keep their numbers, and are off by up to twice what the clock is.
     """
     if rate_error == 0.0:
         return machine

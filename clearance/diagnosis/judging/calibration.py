@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt
+from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE
 from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.searching.nominal import refit_nominal
 from clearance.diagnosis.searching.screening import screen
@@ -104,7 +105,7 @@ def _score(search: Search, made: Sequence[Measured | None], speed_range: tuple[f
     recordings = [one for one in made if one is not None]
     if len(recordings) < len(made):
         return np.inf
-    machine = search.setting.with_clearance(3e-4)
+    machine = search.setting.with_clearance(SOME_CLEARANCE)
     try:
         again = Search(
             recordings, [aligned(one, machine, speed_range) for one in recordings], search.setting,

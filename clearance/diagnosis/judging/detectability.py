@@ -22,7 +22,7 @@ from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.instrument import sensitivity as derivative
 from clearance.diagnosis.sensing.measured import REACH, SAMPLES, Measured, filter_weights
-from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.follow import TIGHT, Follower
 from clearance.diagnosis.shooting.model import Model
 from clearance.diagnosis.shooting.stretch import Pass
 from clearance.errors import InputError
@@ -38,7 +38,6 @@ STANDARD_ERRORS = 1.959964 + 1.281552
 NOISE = 0.01  # of a channel's standard deviation
 
 _SETTLED, _DURATION = 0.3, 0.3  # s
-_FORCES = np.array([1e-3, 1e-3, 1e-2])  # N m, N m, N: unknown forces as a finished fit has them
 _MARGIN = 100  # samples of a recording for the filter's tails
 _STEP = 1e-5  # s, at most
 _CHAIN = MeasurementChain()
@@ -108,7 +107,6 @@ def detectability_map(
     speeds: Sequence[float],
     sensor_sets: Sequence[SensorSet],
     faults: Sequence[Effect] = (),
-    noise: float = NOISE,
 ) -> dict[str, Any]:
     """The smallest sizes for one second of recording.
 
@@ -122,7 +120,6 @@ def detectability_map(
         speeds: [rpm].
         sensor_sets: of accelerations.
         faults: of one sensor each, see ``faults_of_sensors``.
-        noise: standard deviation over that of the channel.
 
     Returns:
         As the report takes it: ``effects``, each with ``size`` by sensor set, (clearances, speeds).
@@ -140,12 +137,12 @@ def detectability_map(
         entry["size"] = {s.name: [[None] * len(speeds) for _ in clearances] for s in sensor_sets}
     for i, clearance in enumerate(clearances):
         for j, speed in enumerate(speeds):
-            found = deviations(setting, chosen, clearance, speed, sensor_sets, faults, noise)
+            found = deviations(setting, chosen, clearance, speed, sensor_sets, faults)
             for name, each in found.items():
                 for entry, deviation, span in zip(entries, each, spans, strict=True):
                     entry["size"][name][i][j] = _size(deviation, span)
     return {
-        "joint": setting.joint, "noise": noise, "seconds": 1.0,
+        "joint": setting.joint, "noise": NOISE, "seconds": 1.0,
         "clearance_m": list(clearances), "speed_rpm": list(speeds),
         "sensor_sets": {s.name: list(s.channels) for s in sensor_sets}, "effects": entries,
     }  # fmt: skip
@@ -217,8 +214,7 @@ def _varied(hypothesis: Hypothesis, machine: SliderCrank) -> SliderCrank:
     Raises:
         InputError: the effect is off at infinity.
     """
-    shapes = [p.shape for p in hypothesis.effect.free] if hypothesis.effect else [False]
-    values = np.where(shapes, hypothesis.start, hypothesis.off)
+    values = np.where(hypothesis.shapes, hypothesis.start, hypothesis.off)
     if not np.isfinite(values).all():
         raise InputError(f"{hypothesis.name}: is off at infinity and has no derivative there")
     values[0] += hypothesis.unknowns[0].step
@@ -255,7 +251,7 @@ def follower_on_path(
         "nominal", values, values.reshape(-1, len(signals)), 0, ACCELERATIONS, signals, sigma, chain, weights,
         np.full(len(signals), np.inf),
     )  # fmt: skip
-    follower = Follower(measured, integrator, _FORCES.copy())
+    follower = Follower(measured, integrator, TIGHT.copy())
     codes, p = machine.codes(), machine.parameters()[:, None].copy()
     for k in range(segments):
         state = np.ascontiguousarray(run.states[first + k * periods, :, None])

@@ -13,7 +13,7 @@ from clearance.diagnosis.judging.verdict import effects_of, free_form_of, probab
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import p_value
-from clearance.diagnosis.sensing.measured import Measured
+from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.diagnosis.shooting.follow import alike
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.layout import Signal, State
@@ -189,7 +189,7 @@ def _overlays(before: Attempt, after: Attempt) -> list[dict[str, Any]]:
     found = []
     one, two = before.fit.passes[0], after.fit.passes[0]
     measured = after.followers[0].measured
-    n = min(_SHOWN // 10, len(two.predicted), len(one.predicted))
+    n = min(_SHOWN // SAMPLES, len(two.predicted), len(one.predicted))
     shift, recorded = measured.values[:n], measured.as_recorded().values[:n]
     others = before.followers[0].measured.as_recorded().values[:n]
     seen = measured.seen(two.predicted, after.model.instrument(after.fit.values[0]))
@@ -197,8 +197,8 @@ def _overlays(before: Attempt, after: Attempt) -> list[dict[str, Any]]:
         aligned = others.shape == recorded.shape and bool(np.allclose(others[..., i], recorded[..., i]))
         found.append(
             {
-                "channel": channel, "unit": "m/s²" if measured.signals[i] < 10 else "",
-                "time_s": (np.arange(n * 10) / measured.chain.rate).round(7).tolist(),
+                "channel": channel, "unit": "m/s²" if measured.signals[i] < Signal.CRANK_ANGLE else "",
+                "time_s": (np.arange(n * SAMPLES) / measured.chain.rate).round(7).tolist(),
                 "recorded": shift[..., i].ravel().round(4).tolist(),
                 "before": one.predicted[:n, :, i].ravel().round(4).tolist() if aligned else None,
                 "after": seen[:n, :, i].ravel().round(4).tolist(),

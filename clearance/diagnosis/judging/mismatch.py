@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt
+from clearance.diagnosis.sensing.measured import SAMPLES
 from clearance.diagnosis.shooting.follow import EDGE
-from clearance.simulation.layout import State
+from clearance.simulation.layout import COORDINATES, State
 
 ANGLE_BINS = 36
-_BLOCK = 128  # samples of a spectrum
+_BLOCK = 128  # samples of a spectrum, fewer where there are fewer
+_ALIKE = 3.0  # neighbouring samples share what the state did not foresee: as many count as one
 _FALSE_DISCOVERIES = 0.05
 _LOST = 1e6  # standard deviations: how far off a run counts that ends in no number
 _SLIDING = 0.02  # m/s of the journal along the bearing's surface
@@ -87,7 +89,7 @@ def innovations(attempt: Attempt, joint: str, floor: Attempt | None = None) -> l
         pair = one.chart.journals[0 if joint == "B" else -1]  # C's is the last, where both are loose
         first, second = one.chart.rows[[pair[0], pair[1]]]
         ex, ey = nodes[:, first], nodes[:, second]
-        vx, vy = nodes[:, first + 10], nodes[:, second + 10]
+        vx, vy = nodes[:, COORDINATES + first], nodes[:, COORDINATES + second]
         gap = attempt.fit.values[r, 0]
         along = np.abs(ex * vy - ey * vx) / np.maximum(np.hypot(ex, ey), 1e-9) * gap
         sliding = touching & (along[:, None] > _SLIDING)
@@ -106,8 +108,8 @@ def root_mean_square(errors: Sequence[Innovations]) -> float:
 
 
 def _block_squares(values: np.ndarray) -> np.ndarray:
-    """(blocks,) mean squares of blocks of ten samples of (samples, channels)."""
-    blocks = values[: len(values) // 10 * 10].reshape(-1, 10 * values.shape[1])
+    """(blocks,) mean squares of blocks of a segment's length of (samples, channels)."""
+    blocks = values[: len(values) // SAMPLES * SAMPLES].reshape(-1, SAMPLES * values.shape[1])
     squares: np.ndarray = (blocks**2).mean(axis=1)
     return squares
 
@@ -119,9 +121,9 @@ def _quiet_square(each: np.ndarray) -> float:
 
 def interval(errors: Sequence[Innovations], draws: int = 400) -> tuple[float, float]:
     """95 % interval of ``root_mean_square`` by resampling blocks of ten segments (Kuensch 1989)."""
-    generator = np.random.default_rng(0)
+    generator, length = np.random.default_rng(0), 10 * SAMPLES
     rows = np.concatenate(
-        [_block_squares(one.values[: len(one.values) // 100 * 100]).reshape(-1, 10) for one in errors]
+        [_block_squares(one.values[: len(one.values) // length * length]).reshape(-1, 10) for one in errors]
     )
     found = [
         np.sqrt(_quiet_square(rows[generator.integers(0, len(rows), len(rows))].ravel()))
@@ -134,37 +136,50 @@ def interval(errors: Sequence[Innovations], draws: int = 400) -> tuple[float, fl
 def locate(before: Sequence[Innovations], after: Sequence[Innovations]) -> dict[str, Any]:
     """Maps of the mismatch for the report; a ratio of 1 is what a perfect model shows."""
     channels = before[0].channels
-    heat, significant = _heat(before, channels)
-    heat_after, _ = _heat(after, channels)
-    frequency, spectrum = _spectrum(before, channels)
-    _, spectrum_after = _spectrum(after, channels)
+    first, significant = _heat(before)
+    second, _ = _heat(after)
+    frequency, level = _spectrum(before)
+    _, level_after = _spectrum(after)
     return {
         "channels": list(channels),
         "crank_angle_deg": [(k + 0.5) * 360.0 / ANGLE_BINS for k in range(ANGLE_BINS)],
-        "heat": heat.tolist(),
-        "heat_after": heat_after.tolist(),
+        "heat": first.tolist(),
+        "heat_after": second.tolist(),
         "significant": significant.tolist(),
         "regimes": _regimes(before, channels),
         "regimes_after": _regimes(after, channels),
         "frequency_hz": frequency.tolist(),
-        "spectrum": {c: spectrum[i].tolist() for i, c in enumerate(channels)},
-        "spectrum_after": {c: spectrum_after[i].tolist() for i, c in enumerate(channels)},
+        "spectrum": {c: level[i].tolist() for i, c in enumerate(channels)},
+        "spectrum_after": {c: level_after[i].tolist() for i, c in enumerate(channels)},
     }
 
 
-def _heat(errors: Sequence[Innovations], channels: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Root mean squares by channel and angle, and which differ from 1 (Benjamini-Hochberg 1995)."""
+def _heat(errors: Sequence[Innovations]) -> tuple[np.ndarray, np.ndarray]:
+    return heat([one.values for one in errors], [one.angle for one in errors], _ALIKE)
+
+
+def heat(
+    rests: Sequence[np.ndarray], angles: Sequence[np.ndarray], alike: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """(channels, ANGLE_BINS) root mean squares by crank angle, and which are too large for noise.
+
+    Reference: Benjamini & Hochberg 1995, J. R. Stat. Soc. B 57(1), 289-300.
+
+    Args:
+        rests: (samples, channels) of each recording, what a model leaves in units of its noise.
+        angles: (samples,) of the crank [rad].
+        alike: neighbouring samples that count as one.
+    """
     from scipy.stats import chi2
 
-    square = np.zeros((len(channels), ANGLE_BINS))
-    count = np.zeros(ANGLE_BINS)
-    for one in errors:
-        bins = (one.angle / (2.0 * np.pi) * ANGLE_BINS).astype(int) % ANGLE_BINS
-        count += np.bincount(bins, minlength=ANGLE_BINS)
-        for i in range(len(channels)):
-            square[i] += np.bincount(bins, one.values[:, i] ** 2, minlength=ANGLE_BINS)
-    # neighbouring samples share what the state did not foresee: three count as one
-    tail = chi2.sf(square / 3.0, np.maximum(count / 3.0, 1e-9))
+    channels = rests[0].shape[1]
+    square, count = np.zeros((channels, ANGLE_BINS)), np.zeros(ANGLE_BINS)
+    for rest, angle in zip(rests, angles, strict=True):
+        place = (np.mod(angle, 2.0 * np.pi) / (2.0 * np.pi) * ANGLE_BINS).astype(int) % ANGLE_BINS
+        count += np.bincount(place, minlength=ANGLE_BINS)
+        for i in range(channels):
+            square[i] += np.bincount(place, rest[:, i] ** 2, minlength=ANGLE_BINS)
+    tail = chi2.sf(square / alike, np.maximum(count / alike, 1e-9))
     order = np.sort(tail.ravel())
     passing = order <= _FALSE_DISCOVERIES * np.arange(1, order.size + 1) / order.size
     limit = order[passing].max() if passing.any() else -1.0
@@ -186,15 +201,20 @@ def _regimes(errors: Sequence[Innovations], channels: Sequence[str]) -> dict[str
     return found
 
 
-def _spectrum(errors: Sequence[Innovations], channels: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    window = np.hanning(_BLOCK)
+def _spectrum(errors: Sequence[Innovations]) -> tuple[np.ndarray, np.ndarray]:
+    return spectrum([one.values for one in errors], errors[0].rate)
+
+
+def spectrum(rests: Sequence[np.ndarray], rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] and (channels, frequencies) amplitude over that of the noise (Welch 1967)."""
+    size = min(_BLOCK, *(len(rest) for rest in rests))
+    window = np.hanning(size)
     power = []
-    for one in errors:
-        blocks = len(one.values) // _BLOCK
-        frames = one.values[: blocks * _BLOCK].reshape(blocks, _BLOCK, len(channels)) * window[:, None]
+    for rest in rests:
+        blocks = len(rest) // size
+        frames = rest[: blocks * size].reshape(blocks, size, -1) * window[:, None]
         power.append(np.abs(np.fft.rfft(frames, axis=1)) ** 2 / (window**2).sum())
-    mean = np.concatenate(power).mean(axis=0)
-    return np.fft.rfftfreq(_BLOCK, 1.0 / errors[0].rate), np.sqrt(mean.T)
+    return np.fft.rfftfreq(size, 1.0 / rate), np.sqrt(np.concatenate(power).mean(axis=0).T)
 
 
 def summary(errors: Sequence[Innovations]) -> dict[str, Any]:
@@ -203,12 +223,12 @@ def summary(errors: Sequence[Innovations]) -> dict[str, Any]:
     stacked = np.concatenate([one.values for one in errors])
     excess = np.maximum((stacked**2).mean(axis=0) - 1.0, 0.0)
     share = excess / max(excess.sum(), 1e-12)
-    heat, _ = _heat(errors, channels)
-    total = np.sqrt((heat**2).mean(axis=0))
+    by_angle, _ = _heat(errors)
+    total = np.sqrt((by_angle**2).mean(axis=0))
     loud = total > max(1.3, 0.5 * total.max())
     width = 360.0 / ANGLE_BINS
-    frequency, spectrum = _spectrum(errors, channels)
-    level = np.sqrt((spectrum**2).mean(axis=0))
+    frequency, amplitude = _spectrum(errors)
+    level = np.sqrt((amplitude**2).mean(axis=0))
     high = level > max(1.3, 0.3 * level.max())
     states = {}
     for name in ("contact", "flight", "sliding"):
@@ -221,13 +241,14 @@ def summary(errors: Sequence[Innovations]) -> dict[str, Any]:
     return {
         "channels": {c: round(float(s), 4) for c, s in zip(channels, share, strict=True) if s > 0.005},
         "regime": loudest if spread > 2.0 else everywhere,
-        "crank_angle_deg": [[a * width, b * width] for a, b in _ranges(loud)],
+        "crank_angle_deg": [[a * width, b * width] for a, b in ranges(loud)],
         "frequency_hz": [
-            [float(frequency[a]), float(frequency[min(b, len(frequency) - 1)])] for a, b in _ranges(high)
+            [float(frequency[a]), float(frequency[min(b, len(frequency) - 1)])] for a, b in ranges(high)
         ],
     }
 
 
-def _ranges(mask: np.ndarray) -> list[tuple[int, int]]:
+def ranges(mask: np.ndarray) -> list[tuple[int, int]]:
+    """Where a mask is true: the first of each run, and the one after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

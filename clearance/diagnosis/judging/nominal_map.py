@@ -13,8 +13,9 @@ from omegaconf import OmegaConf
 
 from clearance.configuration import CONFIGURATION
 from clearance.diagnosis.hypotheses.effect_files import load_effects
-from clearance.diagnosis.hypotheses.hypothesis import Setting, gather, settled
+from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Setting, gather, settled
 from clearance.diagnosis.judging.detectability import detectability_map, faults_of_sensors
+from clearance.diagnosis.sensing.restoration import STILL
 from clearance.mechanism.drive import Drive
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
@@ -25,15 +26,11 @@ CLEARANCES = (5e-5, 1e-4, 2e-4, 3e-4, 5e-4, 8e-4)  # m
 SPEEDS = (500.0, 600.0, 700.0, 800.0, 900.0, 1000.0)  # rpm
 _SETS = ("all", "crank", "no_crank", "no_rod", "no_slider", "rod")  # options of sensors; the paper's Table 9
 _STORED = "nominal_map.json"
-_MACHINES = {"B": SliderCrank(joint_b=Joint(3e-4)), "C": SliderCrank(joint_c=Joint(3e-4))}
+_MACHINES = {"B": SliderCrank(joint_b=Joint(SOME_CLEARANCE)), "C": SliderCrank(joint_c=Joint(SOME_CLEARANCE))}
 
 
-def write_nominal_map(path: Path | None = None) -> None:
-    """Compute the maps of both joints, with the paper's sets of sensors, in a few minutes.
-
-    Args:
-        path: of the file; ``None``: where ``nominal_map`` looks for it.
-    """
+def write_nominal_map() -> None:
+    """Compute the maps of both joints, with the paper's sets of sensors, in a few minutes."""
     effects, sensor_sets = load_effects("all", []), _sensor_sets()
     faults = faults_of_sensors(effects)
     maps = {}
@@ -41,7 +38,7 @@ def write_nominal_map(path: Path | None = None) -> None:
         groups = gather([e for e in effects if e.kind == "physics"], machine, joint, ())
         setting = Setting(machine, joint)
         maps[joint] = detectability_map(setting, groups, CLEARANCES, SPEEDS, sensor_sets, faults)
-    write_json(path or Path(str(resources.files(__package__).joinpath(_STORED))), maps)
+    write_json(Path(str(resources.files(__package__).joinpath(_STORED))), maps)
 
 
 def nominal_map(
@@ -77,7 +74,7 @@ def _alike(setting: Setting) -> bool:
         assert isinstance(machine.drive, Drive)
         return replace(machine, drive=settled(machine.drive.at_speed(SPEEDS[0])))
 
-    own, drawn = at_one_speed(setting.with_clearance(3e-4)), at_one_speed(_MACHINES[setting.joint])
+    own, drawn = at_one_speed(setting.with_clearance(SOME_CLEARANCE)), at_one_speed(_MACHINES[setting.joint])
     if not np.array_equal(own.codes(), drawn.codes()):
         return False
     return bool(np.allclose(own.parameters(), drawn.parameters()))
@@ -85,8 +82,7 @@ def _alike(setting: Setting) -> bool:
 
 def _has(channels: Sequence[str], needed: Sequence[str]) -> bool:
     """Whether a recording is of a sensor set; what shows nothing in the nominal machine may be left out."""
-    quiet = {"crank_a_transverse", "crank_a_axial", "slider_vertical"}
-    return set(needed) - quiet <= set(channels)
+    return set(needed) - set(STILL) <= set(channels)
 
 
 def _sensor_sets() -> list[SensorSet]:

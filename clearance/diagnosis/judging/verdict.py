@@ -8,7 +8,7 @@ from scipy.special import softmax
 
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import DAMPING, FREE_FORM, along, curve_of, unnamed
-from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.true_seconds import seconds_of
 from clearance.diagnosis.kinematics.shaking import Shaking
 from clearance.diagnosis.searching.beside import HALFWAY
@@ -24,7 +24,7 @@ from clearance.mechanism.applied_force import TabulatedForce, shares
 FITTED = "fitted recordings and motion"
 """The basis of play in a guide where recordings that were held out are lost."""
 _ALONG = 4  # points from knot to knot at which a spline is given
-_WORSE = 1.02  # and ratio of their levels
+_WORSE = 1.02  # times the best one's level, below which another is as good
 _UNITS = {
     "crank_angle": "rad",
     "rod_angle": "rad",
@@ -80,7 +80,7 @@ def withdraw(explanation: Explanation) -> None:
         best = explanation.best
         numbers, place, sure = estimates(best), 1, beats(best, explanation)
         for hypothesis in best.hypotheses:
-            sizes = [i for i in range(len(hypothesis.unknowns)) if not _shape(hypothesis, i)]
+            sizes = np.flatnonzero(~hypothesis.shapes)
             sure &= hypothesis.name == FREE_FORM or any(
                 not numbers[place + i].low <= hypothesis.off[i] <= numbers[place + i].high for i in sizes
             )
@@ -88,10 +88,6 @@ def withdraw(explanation: Explanation) -> None:
         if sure:
             return
         best.withdrawn = True
-
-
-def _shape(hypothesis: Hypothesis, i: int) -> bool:
-    return hypothesis.effect is not None and hypothesis.effect.free[i].shape
 
 
 def equivalents(explanation: Explanation) -> list[Attempt]:

@@ -12,7 +12,7 @@ from clearance.diagnosis.kinematics.reconstruction import Reconstruction
 from clearance.diagnosis.kinematics.rigid_motion import tilt
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.mechanism.applied_force import CONSTANTS
-from clearance.mechanism.parameters import Family, Parameter
+from clearance.mechanism.parameters import STRUCTURE, Family, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.batch import aligned
 from clearance.simulation.equations import evaluate
@@ -21,7 +21,6 @@ from clearance.simulation.layout import RESULTS, STATES, Result, State
 
 _EDGE = 3  # bins at both ends, which the smoother knows from one side only
 _EVERY = 2  # samples: bins are their means, so that a law may begin or end within one
-_RIGID = [Family.JOINT_B, Family.JOINT_C, Family.GUIDE, Family.LINK, Family.FRAME]
 _TORQUE = 1e-3  # N m, that tells how much turning the crank takes
 
 
@@ -73,7 +72,7 @@ def answer(machine: SliderCrank, turning: Turning) -> tuple[np.ndarray, np.ndarr
         turning: motion; the integral of the drive's speed error begins at zero with it.
     """
     codes, p = machine.codes(), aligned(len(machine.parameters()))
-    codes[_RIGID] = 0
+    codes[STRUCTURE] = 0
     p[:] = machine.parameters()[:, None]
     if not codes[Family.FORCE]:
         codes[Family.FORCE] = CONSTANTS

@@ -15,12 +15,11 @@ from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.errors import InputError
 from clearance.mechanism.description import read_path, with_values
 from clearance.mechanism.drive import Drive, Free
-from clearance.mechanism.parameters import Family, Parameter
+from clearance.mechanism.parameters import STRUCTURE, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.channels import si_unit
 from clearance.simulation.ideal import Motion
 
-_STRUCTURE = [Family.JOINT_B, Family.JOINT_C, Family.GUIDE, Family.LINK, Family.FRAME]
 # Changes for derivatives, over a parameter's plausible size: so small that the crank's phase, which gathers a
 # change of speed over a minute, stays near; where a force begins or ends, so large that steps meet the edge.
 _STEP, _SHAPE_STEP = 2e-4, 2e-3
@@ -237,7 +236,7 @@ def _structural(term: Term, machine: SliderCrank) -> bool:
     if term.effect.kind != "physics":
         return False
     changed = term.effect.machine(machine, term.joint, term.values(term.starts[0]))
-    return bool((changed.codes()[_STRUCTURE] != machine.codes()[_STRUCTURE]).any())
+    return bool((changed.codes()[STRUCTURE] != machine.codes()[STRUCTURE]).any())
 
 
 @dataclass(frozen=True)

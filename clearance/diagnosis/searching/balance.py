@@ -81,14 +81,14 @@ def suggest_forces(
 ) -> Suggested | None:
     """What would give the torque that the motion needs and a machine lacks.
 
-    Returns:
-        ``None`` where the nominal drive is not a speed control, so that the balance cannot be asked.
-
     Args:
         search: with its alignments.
         setting: the machine.
         clearance: of its joint [m].
         named: whether only effects with a name are wanted.
+
+    Returns:
+        ``None`` where the nominal drive is not a speed control, so that the balance cannot be asked.
 
     Raises:
         LinAlgError: a linkage that does not turn.
@@ -138,7 +138,7 @@ def suggest_forces(
 
 def _inertia_force(search: Search, machine: SliderCrank) -> float:
     """What takes the slider to and fro, about [N]."""
-    speed = min(known.speed for known in search.alignments)
+    speed = min(abs(known.speed) for known in search.alignments)
     return float(machine.slider.mass * machine.crank.length * speed**2)
 
 

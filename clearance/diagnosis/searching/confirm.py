@@ -7,6 +7,7 @@ wrong side there hold its sizes in a shallow minimum: a lobe of 78 um was found 
 
 from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import unnamed
+from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE
 from clearance.diagnosis.searching.elsewhere import begin_again
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
@@ -57,7 +58,8 @@ def _followed(explanation: Explanation, best: Attempt, at_last: bool) -> bool:
 
 def _rivals(search: Search, explanation: Explanation, best: Attempt) -> list[Attempt]:
     """Names that explain as well as ``best`` does by a machine of the same coordinates, each at its best."""
-    machine, limit = search.setting.with_clearance(3e-4), explanation.price(best) + margin(explanation)
+    machine = search.setting.with_clearance(SOME_CLEARANCE)
+    limit = explanation.price(best) + margin(explanation)
     found: dict[str, Attempt] = {}
     for one in sorted(explanation.standing[1:], key=explanation.price):
         alike = explained(one) and explanation.price(one) < limit and one.label != best.label

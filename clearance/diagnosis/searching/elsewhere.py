@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from clearance.diagnosis.following.attempt import EXPLAINED, POOR, Attempt, explained
-from clearance.diagnosis.following.growth import Followed, grow
+from clearance.diagnosis.following.growth import Followed, grow, surest_of
 from clearance.diagnosis.hypotheses.free_form import free_form, resisting, rubbing, unnamed
-from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Hypothesis
 from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching.beside import FAR, beside, enough
 from clearance.diagnosis.searching.edges import EDGED
@@ -93,7 +93,7 @@ def seek_anew(
         again: whether they are fitted where something explains already.
         clearance: as of ``fit_everywhere`` [m].
     """
-    surest = int(np.argmin([start.doubt for start in search.starts]))
+    surest = surest_of(search.starts)
     row = values[surest].copy()
     with search.timed(rhythm_of(base)):
         return search.keep(
@@ -171,7 +171,7 @@ def _try_out(
 
     Of each group ``most`` plausible shapes or sizes are tried.
     """
-    surest = int(np.argmin([start.doubt for start in search.starts]))
+    surest = surest_of(search.starts)
     limit, good = max(base.misfits[surest], POOR), enough(base, surest)
     little = min(EXPLAINED, 1.0 + _LEFT * (base.misfits[surest] - 1.0)) if explained(base) else EXPLAINED
     tried: list[_Tried] = []
@@ -242,7 +242,7 @@ def _again(search: Search, one: _Tried, surest: int, limit: float, label: str) -
     """
     hypothesis = one.held[-1]
     damped = np.array([unknown.name == "damping_ratio" for unknown in hypothesis.unknowns])
-    if not (hypothesis.structural(search.setting.with_clearance(3e-4)) and damped.any()):
+    if not (hypothesis.structural(search.setting.with_clearance(SOME_CLEARANCE)) and damped.any()):
         return one
     for times in _AGAIN:
         if one.misfit < EXPLAINED or search.late():

@@ -6,8 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained, refine
-from clearance.diagnosis.following.growth import Start
-from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.following.growth import Start, surest_of
+from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Hypothesis
 from clearance.diagnosis.searching.beside import HALFWAY, beside
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE
@@ -32,7 +32,7 @@ def fit_from(
     insist: int = 1,
 ) -> Attempt | None:
     """Fit hypotheses beside ``base`` from values and a clearance [m]; others as of ``fit_everywhere``."""
-    surest = int(np.argmin([start.doubt for start in search.starts]))
+    surest = surest_of(search.starts)
     held, rows = beside(base, hypotheses, values)
     row = rows[surest]
     row[0] = clearance
@@ -118,7 +118,7 @@ def _told(search: Search, found: Attempt, teachers: Sequence[int]) -> np.ndarray
 
 def start_with(search: Search, hypothesis: Hypothesis, model: Model, row: np.ndarray, r: int) -> Start:
     """Where a recording can be followed from: anew where a hypothesis makes it another path."""
-    structural = hypothesis.structural(search.setting.with_clearance(3e-4))
+    structural = hypothesis.structural(search.setting.with_clearance(SOME_CLEARANCE))
     if not (structural or misleads(hypothesis) or astray(row[0], search.clearance)):
         return search.starts[r]
     return search.sought(r, model, row)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, LOOSENESS, Attempt, explained
-from clearance.diagnosis.following.growth import grow
+from clearance.diagnosis.following.growth import grow, surest_of
 from clearance.diagnosis.hypotheses.free_form import (
     Curve,
     along,
@@ -249,7 +249,7 @@ class _Trials:
 
     def __init__(self, search: Search, base: Attempt) -> None:
         self.search, self.base = search, base
-        self.surest = int(np.argmin([start.doubt for start in search.starts]))
+        self.surest = surest_of(search.starts)
         row = base.fit.values[self.surest]
         self.least = _LESS * self._beside(base.model, row).level
         self.best: Suggestion | None = None

@@ -7,7 +7,7 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import explained
 from clearance.diagnosis.hypotheses.effect import Effect
-from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
+from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Setting, gather
 from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.nominal import refit_nominal
@@ -49,7 +49,7 @@ def locate_joint(
     Raises:
         InputError: a recording that no machine of this kind could have made.
     """
-    machine = settings[0].with_clearance(3e-4)
+    machine = settings[0].with_clearance(SOME_CLEARANCE)
     alignments = [aligned(one, machine, speed_range) for one in recordings]
     for one, found in zip(recordings, alignments, strict=True):
         report(f"{one.name}: {found.speed * 30 / np.pi:.1f} rpm")
@@ -61,7 +61,8 @@ def locate_joint(
             )
     searches = []
     for setting in settings:
-        groups = gather(effects, setting.with_clearance(3e-4), setting.joint, recordings[0].channels)
+        machine = setting.with_clearance(SOME_CLEARANCE)
+        groups = gather(effects, machine, setting.joint, recordings[0].channels)
         search = Search(recordings, alignments, setting, groups, workers, report, deadline, finished)
         try:
             search.trace()

@@ -7,7 +7,7 @@ where it moves it, the paths of all recordings are sought anew. Then all are fol
 import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, FOLLOWED, refine
-from clearance.diagnosis.following.growth import Followed, Start, grow
+from clearance.diagnosis.following.growth import Followed, Start, grow, surest_of
 from clearance.diagnosis.hypotheses.clipping import clipped_sensors
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import PATIENCE, Search
@@ -33,12 +33,13 @@ def refit_nominal(search: Search) -> Explanation:
     astray = explanation.nominal.misfit > _UNSURE and abs(np.log(clearance / search.clearance)) > _SAME
     if search.recordings[0].raw is None or not astray or search.late():
         return explanation
-    before = search.clearance, search.traces, search.starts, search.recordings
+    before, recordings = (search.clearance, search.traces, search.starts), search.recordings
     search.retrace_all(clearance)
     other = _refitted(search)
     if other.nominal.misfit < explanation.nominal.misfit:
         return other
-    search.clearance, search.traces, search.starts, search.recordings = before
+    search.clearance, search.traces, search.starts = before
+    search.hear(recordings)
     return explanation
 
 
@@ -108,7 +109,7 @@ def _find_starts(search: Search, model: Model) -> np.ndarray:
 
 def _glanced(search: Search, model: Model, values: np.ndarray) -> Followed | None:
     """Some steps through the surest recording, whose clearance counts; nothing if these tell little."""
-    surest = int(np.argmin([start.doubt for start in search.starts]))
+    surest = surest_of(search.starts)
     best, misfit = None, _UNSURE
     for factor in _FACTORS:
         row = values[surest] * [factor, 1.0]
@@ -128,14 +129,13 @@ def _heard(search: Search, measured: Measured) -> bool:
     before = max(one.widened for one in search.recordings)
     if measured.covariance is None or not measured.widened < _SURER * before:
         return False
-    search.recordings = [one.calibrated(measured.sensors, measured.covariance) for one in search.recordings]
-    search.finished.recordings = search.recordings
+    search.hear([one.calibrated(measured.sensors, measured.covariance) for one in search.recordings])
     return True
 
 
 def _kept(search: Search, seen: Follower) -> list[Start]:
     """The starts, of which the surest has just been followed from, its sensors calibrated."""
-    surest = int(np.argmin([start.doubt for start in search.starts]))
+    surest = surest_of(search.starts)
     kept = []
     for r, (start, trace) in enumerate(zip(search.starts, search.traces, strict=True)):
         follower = start.follower.part(0, start.follower.segments)

@@ -22,7 +22,6 @@ def follow_all(
     workers: int,
     limit: float = np.inf,
     base: Attempt | None = None,
-    patient: bool = False,
     insist: int = 0,
 ) -> tuple[list[Follower], np.ndarray, float] | None:
     """Follow each recording; one that is explained, as ``base`` does not, makes others worth being sought.
@@ -36,7 +35,6 @@ def follow_all(
         workers: threads.
         limit: as of ``Search.grown``, like the following.
         base: an attempt that the first one must be followed clearly better with than it is.
-        patient: as of ``grow``.
         insist: times that each recording may be the first one.
 
     Returns:
@@ -46,7 +44,7 @@ def follow_all(
     rows, shared = values.copy(), model.shared
     for k, first in enumerate(order * insist or order[:1]):
         rows[first, 0] = values[first, 0] * _MORE ** (k // len(order))
-        found = grow(starts[first], model, rows[first], limit, patient=patient)
+        found = grow(starts[first], model, rows[first], limit)
         if found is not None and (base is None or found[2] <= enough(base, first)):
             break
     else:
@@ -59,7 +57,7 @@ def follow_all(
     told = base is not None and found[2] < EXPLAINED <= base.misfits[first]
 
     def followed(start: Start, row: np.ndarray) -> Followed | None:
-        other = grow(start, model.only(kept, row), row[kept], limit, patient=patient)
+        other = grow(start, model.only(kept, row), row[kept], limit)
         return None if other is None else (other[0], np.append(row[: kept[0]], other[1]), other[2])
 
     def one(r: int) -> Followed | None:

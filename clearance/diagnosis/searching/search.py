@@ -73,6 +73,10 @@ class Search:
             self.finished.stop()
         return bool(self.stopped)
 
+    def hear(self, recordings: Sequence[Measured]) -> None:
+        """Go on with these recordings; fits of an earlier run are recalled for them too."""
+        self.recordings = self.finished.recordings = list(recordings)
+
     def trace(self) -> None:
         """Find the clearance at which the motion agrees best, and the path of every recording."""
         self.profile = self.finished.profile(
@@ -116,7 +120,6 @@ class Search:
         limit: float = np.inf,
         model: Model | None = None,
         base: Attempt | None = None,
-        patient: bool = False,
         insist: int = 0,
     ) -> Attempt | None:
         """Follow all recordings step by step with a model, and fit it to all of them.
@@ -128,7 +131,6 @@ class Search:
             limit: misfit above which a model is given up on the way.
             model: of the hypotheses; with its usual unknowns if ``None``.
             base: an attempt that the first recording must be followed clearly better with than it is.
-            patient: as of ``grow``.
             insist: times that each recording may be the first one, each time with a little more clearance:
                 values that are nearly right may be lost at one of its impacts and not at another's.
         """
@@ -141,7 +143,7 @@ class Search:
             except (InputError, np.linalg.LinAlgError):  # no motion is near with such values
                 return None
 
-        grown = follow_all(starts, model, values, seek, self.workers, limit, base, patient, insist)
+        grown = follow_all(starts, model, values, seek, self.workers, limit, base, insist)
         if grown is None:
             return None
         followers, rows, misfit = grown

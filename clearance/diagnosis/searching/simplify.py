@@ -3,7 +3,7 @@
 import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained, refine, tightened
-from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, same
+from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Hypothesis, same
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import screen
 from clearance.diagnosis.searching.search import Search
@@ -35,7 +35,7 @@ def prune(search: Search, explanation: Explanation) -> None:
                 keep += [] if i == left_out else range(place, place + count)
                 place += count
             values = best.fit.values[:, [*keep, place]]
-            if best.hypotheses[left_out].structural(search.setting.with_clearance(3e-4)):
+            if best.hypotheses[left_out].structural(search.setting.with_clearance(SOME_CLEARANCE)):
                 if search.late():
                     continue
                 # a path with other coordinates is no beginning
@@ -85,7 +85,8 @@ def retry_nominal(search: Search, explanation: Explanation) -> None:
     was lost, where what explains may as well be off, or where no linear look is sure of anything: it was only
     another way onto the path.
     """
-    best, nominal, machine = explanation.best, explanation.nominal, search.setting.with_clearance(3e-4)
+    best, nominal = explanation.best, explanation.nominal
+    machine = search.setting.with_clearance(SOME_CLEARANCE)
     torn = explained(best) and max((hint.gain for hint in explanation.hints), default=SURE) < SURE
     if not best.hypotheses or not (explained(nominal) or torn or _idle(best)) or search.late():
         return

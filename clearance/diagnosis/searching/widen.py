@@ -153,12 +153,12 @@ def deafen(search: Search, explanation: Explanation, base: Attempt, channel: str
 def side_by_side(base: Attempt, hearing: Sequence[Follower]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What was recorded, what an attempt predicts by the recorder's clock, and the noise.
 
-    Returns:
-        Twice (segments of all recordings, samples, channels), and (channels,) mean standard deviations.
-
     Args:
         base: the attempt.
         hearing: followers on its paths, with what was recorded.
+
+    Returns:
+        Twice (segments of all recordings, samples, channels), and (channels,) mean standard deviations.
     """
     recorded = np.concatenate([one.measured.values for one in hearing])
     clocks = [Instrument(timebase=base.model.instrument(row).timebase) for row in base.fit.values]
@@ -174,14 +174,14 @@ def kinds(
 
     None that is larger or smaller than any sensor's: a signal of nothing but noise is clipped by no limit.
 
-    Returns:
-        Each fault, its (unknowns,) values and what remains [sigma].
-
     Args:
         search: with its hypotheses.
         base: that trusts the channel to be faultless.
         hearing: followers on its paths, with what was recorded.
         channel: the suspected one.
+
+    Returns:
+        Each fault, its (unknowns,) values and what remains [sigma].
     """
     measured = hearing[0].measured
     recorded, predicted, sigma = side_by_side(base, hearing)

@@ -190,19 +190,16 @@ class Instrument:
                 found |= {c for c in {*one, *two} if c not in one or c not in two or one[c] != two[c]}
         return found
 
-    def apply(
-        self, signals: FloatArray, channels: Sequence[str], rate: float, start: float = 0.0
-    ) -> FloatArray:
+    def apply(self, signals: FloatArray, channels: Sequence[str], rate: float) -> FloatArray:
         """What the instruments make of predicted signals.
 
         Args:
             signals: (samples, channels).
             channels: names of the columns; a turned accelerometer needs both axes of its point.
             rate: [Hz].
-            start: sample at which the recorder's clock is right, see ``stretch``.
         """
         columns = list(channels)
-        seen = stretch(signals, self.timebase, start)
+        seen = stretch(signals, self.timebase)
         seen = misalign(seen, columns, _each(columns, self.misalignment, 0.0))
         seen = respond(
             seen,
@@ -278,7 +275,6 @@ def sensitivity(
     channels: Sequence[str],
     rate: float,
     channel: str | None = None,
-    start: float = 0.0,
 ) -> FloatArray:
     """Derivative of the seen signals by one fault, (samples, channels), by a central difference.
 
@@ -291,10 +287,9 @@ def sensitivity(
         channels: names of the columns.
         rate: [Hz].
         channel: whose fault.
-        start: see ``Instrument.apply``.
     """
     above, below = (
-        instrument.changed(fault, value + sign * step, channel).apply(signals, channels, rate, start)
+        instrument.changed(fault, value + sign * step, channel).apply(signals, channels, rate)
         for sign in (1.0, -1.0)
     )
     return (above - below) / (2.0 * step)

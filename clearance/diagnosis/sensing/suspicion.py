@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from clearance.diagnosis.sensing.instrument import amplify, misalign, offset, respond, saturate
+from clearance.diagnosis.sensing.instrument import OTHER_AXIS, amplify, misalign, offset, respond, saturate
 from clearance.errors import InputError
-from clearance.recording.channels import AXIS_PAIRS
 
 FloatArray = NDArray[np.float64]
 
@@ -31,9 +30,6 @@ _LATEST = 1e-3  # s scanned on both sides of no delay
 _LOWEST = 300.0  # Hz, first resonance scanned
 _DAMPING = (0.02, 0.05, 0.12, 0.3, 0.7)  # ratios scanned
 _SCANNED = 60  # resonances, and limits
-_OTHER_AXIS = {first: second for first, second in AXIS_PAIRS} | {
-    second: first for first, second in AXIS_PAIRS
-}
 
 
 @dataclass(frozen=True)
@@ -194,7 +190,7 @@ def _kinds(
             (np.inf,),
         ),
     ]
-    other = _OTHER_AXIS.get(names[column])
+    other, _ = OTHER_AXIS.get(names[column], ("", 0.0))
     if other in names and predicted[:, names.index(other)].any():
         angles = np.where(np.arange(len(names)) == column, 90.0, 0.0)
         across = misalign(predicted, names, angles)[:, [column]]

@@ -18,7 +18,7 @@ from clearance.diagnosis.shooting.filtering import pass_filter
 from clearance.diagnosis.shooting.stretch import INPUTS, OUTLIER, Comparison, Pass, Path, continuity
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import CONSTANTS
-from clearance.mechanism.parameters import JOINT_STRIDE, PARAMETERS, Family, Parameter
+from clearance.mechanism.parameters import JOINT_STRIDE, PARAMETERS, STRUCTURE, Family, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.batch import aligned
 from clearance.simulation.integrator import Integrator
@@ -45,6 +45,10 @@ class Follower:
         nudge: share of these by which derivatives are taken: near a path small ones are right, far from it
             large ones lead further.
         path: present nodes and inputs.
+        signals: (segments, periods, signals) the motion as last computed; NaN where it has not been yet.
+        wide: (periods, filtered samples) what a segment's motion leaves in the samples around it.
+        narrow: (filtered samples, periods) the same in the samples of itself and its two neighbours.
+        periods: of the chain's base rate in a segment.
     """
 
     measured: Measured
@@ -53,6 +57,9 @@ class Follower:
     nudge: float = 1.0
     path: Path = field(init=False)
     signals: np.ndarray = field(init=False)
+    wide: np.ndarray = field(init=False)
+    narrow: np.ndarray = field(init=False)
+    periods: int = field(init=False)
 
     def __post_init__(self) -> None:
         segments = len(self.measured.values)
@@ -374,7 +381,6 @@ def _silence(flow: np.ndarray, shared: np.ndarray, known: int) -> None:
     shared[..., broken] = 0.0
 
 
-STRUCTURE = (Family.JOINT_B, Family.JOINT_C, Family.GUIDE, Family.LINK, Family.FRAME)
 _SMOOTHING = (
     Parameter.JOINT_FRICTION_SPEED,
     Parameter.JOINT_FRICTION_SPEED + JOINT_STRIDE,
@@ -384,8 +390,7 @@ _SMOOTHING = (
 
 def alike(one: SliderCrank, other: SliderCrank) -> bool:
     """Whether two machines have the same coordinates."""
-    rows = list(STRUCTURE)
-    return bool((one.codes()[rows] == other.codes()[rows]).all())
+    return bool((one.codes()[STRUCTURE] == other.codes()[STRUCTURE]).all())
 
 
 def _joint_codes(machines: Sequence[SliderCrank]) -> np.ndarray:

@@ -28,7 +28,6 @@ _OF_TERMS: Mapping[str, str] = {
     "slider's velocity": "guide_friction", "slider's position": "slider_spring",
     "sine 1": "gravity", "cosine 1": "gravity",
 } | {f"{wave} {k}": "torque_ripple" for wave in ("sine", "cosine") for k in (2, 3, 4, 5, 6)}  # fmt: skip
-_BODIES = {"crank": "crank", "rod": "rod", "slider": "slider"}
 
 
 def judge(bench: Bench, effects: tuple[Effect, ...]) -> dict[str, Any]:
@@ -45,7 +44,7 @@ def judge(bench: Bench, effects: tuple[Effect, ...]) -> dict[str, Any]:
     by_name = {effect.name: effect for effect in effects}
     effect = by_name.get(_OF_TERMS[term])
     if effect is None:
-        body, _, direction = channel.split("_", 1)[0], "", channel.rsplit("_", 1)[1]
+        body, direction = channel.split("_", 1)[0], channel.rsplit("_", 1)[1]
         return answer(bench, clearance, [], detected=True, place=(body, direction), score=gain)
     chosen = effect.on_channel(channel) if effect.each_channel else effect
     return answer(bench, clearance, [(chosen, {})], detected=True, score=gain)

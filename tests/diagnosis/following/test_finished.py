@@ -8,6 +8,7 @@ import pytest
 from clearance.diagnosis.following.finished import Finished, kept_in
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.searching import one_by_one
 from clearance.diagnosis.searching import search as searching
 from clearance.diagnosis.searching.location import locate_joint
 from clearance.diagnosis.searching.search import Search
@@ -49,8 +50,8 @@ def never(*_, **__):
 
 def test_another_run_goes_on_from_what_was_finished(first, measured, monkeypatch):
     folder, (_, before) = first
-    for name in ("profile", "refine", "grow"):
-        monkeypatch.setattr(searching, name, never)
+    for module, name in ((searching, "profile"), (searching, "refine"), (one_by_one, "grow")):
+        monkeypatch.setattr(module, name, never)
     for name in ("begin", "retrace", "grown"):
         monkeypatch.setattr(Search, name, never)
     _, after = run(measured, folder)

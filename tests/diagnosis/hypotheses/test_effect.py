@@ -8,7 +8,6 @@ import pytest
 import yaml
 
 from clearance.configuration import CONFIGURATION
-from clearance.diagnosis.hypotheses.effect import corrected_machine
 from clearance.diagnosis.hypotheses.effect_files import load_effects, read_effect
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather, of_effect
 from clearance.diagnosis.sensing.instrument import Instrument
@@ -141,8 +140,8 @@ def test_effects_act_where_they_say():
 def test_effects_compose_and_a_law_that_is_there_keeps_its_other_numbers():
     greased = replace(NOMINAL, guide_friction=StribeckGuide(viscous_damping=0.7))
     friction, gravity = load_effects(["guide_friction", "gravity"])
-    effects = [(friction, {"coulomb_force": 5.0}), (gravity, {"gravity_y": -9.0})]
-    machine = corrected_machine(greased, "C", effects)
+    machine = friction.machine(greased, "C", {"coulomb_force": 5.0})
+    machine = gravity.machine(machine, "C", {"gravity_y": -9.0})
     assert machine.guide_friction == StribeckGuide(coulomb_force=5.0, viscous_damping=0.7)
     assert machine.gravity == (0.0, -9.0)
 

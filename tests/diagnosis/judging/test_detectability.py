@@ -106,21 +106,25 @@ def test_a_sensors_fault_of_that_size_is_estimated_three_errors_away_from_off(na
     steps = np.array([*(model.step(values, i) for i in range(2)), *[1.0] * len(ACCELERATIONS)])
     clean = _with_faults(truth.look(machine, model.columns(values)[0]), truth.measured, [fault]).solve()
     error = _standard_errors(clean.gram, steps, model)[channel]
-    scores = []
-    for seed in range(6):
-        values_with = Instrument().changed(
-            fault.free[0].path, fault.free[0].off + smallest(np.array(error)), "slider_horizontal"
-        )
-        measured = truth.measured
-        flat = values_with.apply(measured.values.reshape(-1, 10), ACCELERATIONS, measured.chain.rate)
-        noise = measured.sigma * np.random.default_rng(seed).normal(size=flat.shape)
+    values_with = Instrument().changed(
+        fault.free[0].path, fault.free[0].off + smallest(np.array(error)), "slider_horizontal"
+    )
+    measured = truth.measured
+    flat = values_with.apply(measured.values.reshape(-1, 10), ACCELERATIONS, measured.chain.rate)
+
+    def score(noise):
+        """The estimate over its standard error."""
         noisy = replace(measured, values=(flat + noise).reshape(measured.values.shape))
         follower = Follower(noisy, truth.integrator, truth.input_sigma.copy())
         follower.path = truth.path.copy()
         one = _with_faults(follower.look(machine, model.columns(values)[0]), truth.measured, [fault]).solve()
         own = [0, 1, 2 + channel]
         gram = one.gram / np.outer(np.append(steps, 1.0), np.append(steps, 1.0))
-        scores.append(np.linalg.solve(gram[np.ix_(own, own)], gram[own, -1])[-1] / error)
+        return np.linalg.solve(gram[np.ix_(own, own)], gram[own, -1])[-1] / error
+
+    assert score(0.0) == pytest.approx(3.24, rel=0.02)
+    generators = [np.random.default_rng(seed) for seed in range(6)]
+    scores = [score(measured.sigma * each.normal(size=flat.shape)) for each in generators]
     assert np.mean(scores) == pytest.approx(3.24, abs=1.2)  # three standard errors of a mean of six
 
 

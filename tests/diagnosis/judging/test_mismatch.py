@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.hypotheses.hypothesis import Setting
-from clearance.diagnosis.judging.mismatch import innovations, interval, root_mean_square
+from clearance.diagnosis.judging.mismatch import (
+    ANGLE_BINS,
+    heat,
+    innovations,
+    interval,
+    root_mean_square,
+    spectrum,
+)
 from clearance.diagnosis.sensing.measured import SAMPLES
 from clearance.diagnosis.shooting.chart import Chart
 from clearance.diagnosis.shooting.follow import EDGE
@@ -55,3 +62,20 @@ def test_sliding_is_that_of_the_diagnosed_joint_where_both_are_loose(joint, jour
     follower.path.nodes[:, second + 10] = 1e4  # it goes around, along its bearing's wall
     assert innovations(one, joint)[0].sliding.all()
     assert not innovations(one, "C" if joint == "B" else "B")[0].sliding.any()
+
+
+def test_what_is_too_much_at_an_angle_or_a_frequency_is_seen_there():
+    rng, rate = np.random.default_rng(2), 1e4
+    angle = np.linspace(0.0, 40.0 * np.pi, 20_000)
+    rest = rng.normal(size=(20_000, 2))
+    place = 2.0 * np.pi * 12.5 / ANGLE_BINS
+    rest[np.abs(np.mod(angle, 2.0 * np.pi) - place) < 0.08, 1] *= 3.0
+    level, loud = heat([rest[:8000], rest[8000:]], [angle[:8000], angle[8000:]])
+    assert loud[1, 12]
+    assert loud.sum() <= 3  # of 72, one in twenty of those that are marked may be noise
+    assert level[1, 12] == pytest.approx(3.0, rel=0.1)
+    tone = rng.normal(size=(20_000, 1)) + np.sin(2.0 * np.pi * 1250.0 * np.arange(20_000) / rate)[:, None]
+    for length in (20_000, 100):  # fewer samples than a spectrum has
+        frequency, amplitude = spectrum([tone[:length]], rate)
+        assert frequency[amplitude[0].argmax()] == pytest.approx(1250.0, abs=rate / 100)
+    assert np.median(amplitude) < 2.0

@@ -41,6 +41,7 @@ def attempt(names, misfit, kind="physics", off=0.0, each=(), typical=()):
             kind=kind,
             unknowns=(SimpleNamespace(name="size", low=-1e6, high=1e6),),
             off=np.array([off]),
+            shapes=np.array([False]),
             effect=None,
             fault=None,
             channel=None,

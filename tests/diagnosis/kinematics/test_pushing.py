@@ -28,7 +28,7 @@ def test_period_course_and_direction_of_a_force_on_a_known_frame(direction):
     assert found.share > 0.95
     assert type(found.rhythm.period) is float  # it is written to a file
     assert found.rhythm.period == pytest.approx(0.06, rel=5e-3)
-    assert np.ptp(found.forces) == pytest.approx(80.0, rel=0.35)  # twelve harmonics overshoot
+    assert np.ptp(found.forces) == pytest.approx(80.0, rel=0.05)  # twelve harmonics overshoot
     apart = (found.rhythm.clocks[1] - found.rhythm.clocks[0]) % 0.06
     assert apart == pytest.approx(0.045, abs=2e-3)  # the other one's force comes a quarter later
 

@@ -19,7 +19,7 @@ def test_where_the_surest_recording_is_lost_another_leads_if_the_values_were_poi
 ):
     asked = []
 
-    def grow(start, model, row, limit, patient):
+    def grow(start, model, row, limit):
         asked.append(start.number)
         lost = start.number == SURE and len(model.unknowns) > 1  # with all unknowns, not with its speed alone
         return None if lost else (f"path {start.number}", np.full(len(row), 7.0), 0.9)
@@ -46,7 +46,7 @@ def test_where_the_surest_recording_is_lost_another_leads_if_the_values_were_poi
 def test_a_second_round_begins_with_a_little_more_clearance(monkeypatch):
     asked = []
 
-    def grow(start, model, row, limit, patient):
+    def grow(start, model, row, limit):
         asked.append((start.number, float(row[0])))
         return None
 

@@ -137,7 +137,6 @@ def test_parameters_that_may_as_well_be_off_are_tried_without(monkeypatch, sprea
 )
 def test_nothing_is_missing_where_the_nominal_machine_does_as_well_on_that_path(monkeypatch, again, expected):
     monkeypatch.setattr(verdict, "estimates", lambda best: [SimpleNamespace(low=1, high=2)] * 2)
-    monkeypatch.setattr(verdict, "_shape", lambda *_: False)
     explanation = retried(monkeypatch, 1.1, fitted(["restitution"], 1.0), again, 9.0)
     assert explanation.nominal.misfit == again
     assert [hint.gain for hint in explanation.hints] == [9.0]  # the old path's promises are its errors

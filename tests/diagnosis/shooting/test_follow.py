@@ -89,11 +89,6 @@ def follower(seed=0, machine=MACHINE, noise=NOISE, sensors=SENSORS):
     return one
 
 
-def standardised(found):
-    """Innovations of rows with weight, in their own standard deviations."""
-    return (found.innovation / found.spread)[found.used > 0.0]
-
-
 INSIDE = slice(6, -6)  # segments that feel nothing of what lies outside the recording
 
 
