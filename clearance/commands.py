@@ -31,6 +31,7 @@ _UNKNOWN_KEY = re.compile(r"the key that ends in '(\w+)'")
 _PATH_WITH_KEYS = re.compile(r"""([\w.]+)=([^'"\[{$(][^'"]*=[^'"]*)""")
 _PATH_WITH_QUOTES = re.compile(r"""([\w.]+)=([^'"\[{$(]*/[^"$(]*'[^"$(]*)""")
 _LIST_OF_OPTIONS = re.compile(r"(\w+)=\[(.*,.*)\]")
+_ADDED = re.compile(r"\+(\w+)=.*")
 
 
 def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:
@@ -66,6 +67,7 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
                     set_defaults_of_plugins()
                     for argument in sys.argv[1:]:
                         _require_one_option(argument)
+                        _require_known(argument)
                     sys.argv[1:] = [_quoted(with_mechanism_file(argument)) for argument in sys.argv[1:]]
                     return run()
             finally:
@@ -172,6 +174,20 @@ def _require_one_option(argument: str) -> None:
         own = "; sensors of your own: 'sensors.channels=[...]'" if group == "sensors" else ""
         raise InputError(
             f"{argument}: one option is chosen, not a list; one run for each: -m {group}={options}{own}"
+        )
+
+
+def _require_known(argument: str) -> None:
+    """Refuse ``+seeed=1``: what no command reads would be accepted and passed over.
+
+    Raises:
+        InputError: a key that is added beside the command's own, and is no group of options.
+    """
+    added = _ADDED.fullmatch(argument)
+    if added and not (CONFIGURATION / added[1]).is_dir():
+        raise InputError(
+            f"{argument}: no command reads a key {added[1]!r} that its file leaves out; + stands before keys "
+            "inside others, as in +sensor_chain.default.noise=0.01; --help explains the command's own"
         )
 
 

@@ -319,6 +319,8 @@ def _write(
     write_mechanism(folder / "corrected.yaml", outcome.machine, "\n".join(outcome.diagnosis["summary"]))
     if outcome.diagnosis.get("sensors") and not declared_before:
         write_sensors(folder / "sensors.yaml", declared(outcome.diagnosis["sensors"]), _BESIDE)
+    else:  # an earlier run's are not this one's
+        (folder / "sensors.yaml").unlink(missing_ok=True)
     write_report(folder / "report.html", outcome.diagnosis, outcome.evidence)
     events = EventFileWriter(str(folder))  # of TensorBoard alone: torch takes seconds to be imported
     for row in _tried(outcome.explanation):

@@ -55,16 +55,17 @@ def main(cfg: DictConfig) -> None:
     if cfg.perturbed:
         measure_perturbed(runs, perturbations, cfg.perturbed)
     if cfg.report is not None:
-        record = Path(cfg.pictures) / RECORD
-        if not runs.is_dir() and not record.exists():
+        page = Path(cfg.report)
+        pictures = page.with_suffix("") if cfg.pictures is None else Path(cfg.pictures)
+        if not runs.is_dir() and not (pictures / RECORD).exists():
             raise InputError(
                 f"runs = {runs}: there is no such folder, and no record of trainings in pictures = "
-                f"{cfg.pictures}; set runs to a folder of finished trainings"
+                f"{pictures}; set runs to a folder of finished trainings"
             )
         trainings = Path(cfg.trainings)
         rows = read_json(trainings, "trainings") if trainings.exists() else []
-        write_results(runs, Path(cfg.report), Path(cfg.pictures), figures, rows)
-        log.info("written to %s, with pictures in %s", cfg.report, cfg.pictures)
+        write_results(runs, page, pictures, figures, rows)
+        log.info("written to %s, with pictures in %s", page, pictures)
         return
     rows = collect(runs)
     log.info("%s", markdown(rows))

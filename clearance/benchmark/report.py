@@ -1,9 +1,10 @@
 """The measurements as a table on the screen and as a file."""
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+from clearance.whole_files import write_json
 
 
 def lines(report: dict[str, Any]) -> Iterator[str]:
@@ -72,6 +73,4 @@ def _span(values: list[float]) -> str:
 
 def save(report: dict[str, Any], path: Path) -> None:
     """Write the file whole or not at all."""
-    partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps(report, indent=2) + "\n")
-    partial.replace(path)
+    write_json(path, report)

@@ -19,6 +19,7 @@ def outcome(**more):
 
 
 def test_a_number_that_nobody_knows_is_null_and_costs_no_other(tmp_path):
+    (tmp_path / "sensors.yaml").write_text("sensors: {}")  # of an earlier run
     _write(tmp_path, outcome(fit={"held_out": {"before": 3.0, "after": np.nan, "high": np.inf}}))
     found = json.loads((tmp_path / "diagnosis.json").read_text())
     assert found["fit"]["held_out"] == {"before": 3.0, "after": None, "high": None}
