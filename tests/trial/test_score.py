@@ -302,7 +302,8 @@ def test_a_small_trial_of_the_tool_itself(tmp_path):
     settings = (
         "seed=7", "folder=trial", "sealed=sealed", "parallel=2", "time_limit=600", "hydra.run.dir=run",
         "scope.cases=3", "scope.shares={none: 1, effect: 1, instrument: 0, pair: 0, outside: 1, left_out: 0}",
-        "scope.items=[gravity,slider_by_velocity]", "scope.sizes=[2]", "scope.seconds=[0.5,0.5]",
+        "scope.items=[gravity,slider_by_position]", "scope.sizes=[2]", "scope.seconds=[0.5,0.5]",
+        "scope.recordings=1",
         "scope.noise=[[0.01,1]]", "scope.sensors={all: 1, seven: 0, rod: 0}", "scope.encoder=1",
         "scope.known_frame=0", "scope.clearance_range=[5e-5,2e-4]", "results=published/trial-7.json",
         "history=page.md", "pictures=published/7",
