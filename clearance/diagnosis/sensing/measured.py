@@ -78,7 +78,6 @@ class Measured:
         sensors: what they were found to do within these, undone in ``values``, ``recorded`` and ``sigma``.
         covariance: of that, as ``Tolerances.open`` lists it; what they are not known to do counts as noise.
         raw: ``recorded`` and ``sigma`` before that; ``None`` where nothing was undone.
-        told: samples of ``recorded`` before what is held out; ``None``: all of them.
     """
 
     name: str
@@ -99,7 +98,6 @@ class Measured:
     sensors: Instrument = NO_FAULT
     covariance: np.ndarray | None = None
     raw: tuple[np.ndarray, np.ndarray] | None = None
-    told: int | None = None
 
     @staticmethod
     def of(recording: Recording, chain: MeasurementChain, name: str, held_out: float = 0.0) -> "Measured":
@@ -136,7 +134,7 @@ class Measured:
         weights = filter_weights(chain, SAMPLES, REACH)
         return Measured(
             name, cut, cut.reshape(-1, len(known)), 0, tuple(known), signals, sigma, chain, weights, limits,
-            silent, told=len(told),
+            silent,
         )  # fmt: skip
 
     def noised(self) -> "Measured":
@@ -170,15 +168,15 @@ class Measured:
         return replace(wide, sigma=wide._doubted(covariance), raw=(self.recorded, self.sigma))
 
     def _doubted(self, covariance: np.ndarray) -> np.ndarray:
-        """(channels,) noise, with what is not known of the accelerometers: on average over what is told."""
-        what, found, recorded = self.tolerances.open(self.channels), self.sigma**2, self.recorded[: self.told]
-        rates = np.gradient(recorded, 1.0 / self.chain.rate, axis=0)
+        """(channels,) noise, with what is not known of the accelerometers: on average over the recording."""
+        what, found = self.tolerances.open(self.channels), self.sigma**2
+        rates = np.gradient(self.recorded, 1.0 / self.chain.rate, axis=0)
         for place, channel in enumerate(self.channels):
             own = [i for i, one in enumerate(what) if one.channel == channel]
             across, sign = OTHER_AXIS.get(channel, ("", 0.0))
-            other = sign * recorded[:, self.channels.index(across)] if across in self.channels else 0.0
+            other = sign * self.recorded[:, self.channels.index(across)] if across in self.channels else 0.0
             felt = {
-                "gain": recorded[:, place], "misalignment": np.radians(other), "delay": -rates[:, place]
+                "gain": self.recorded[:, place], "misalignment": np.radians(other), "delay": -rates[:, place]
             }  # fmt: skip
             rows = np.ones((len(own), len(rates)))
             for row, i in enumerate(own):
@@ -225,10 +223,8 @@ class Measured:
         """The same part, of a recording that hardly goes beyond it: there is less to correct."""
         begin = max(self.first - _AROUND, 0)
         recorded = self.recorded[begin * SAMPLES : (self.first + len(self.values) + _AROUND) * SAMPLES]
-        clock, told = self.clock + begin * self.segment, self.told
-        if told is not None:  # of a part that is held out all is told
-            told = told - begin * SAMPLES if told > begin * SAMPLES else None
-        return replace(self, recorded=recorded, first=self.first - begin, clock=clock, told=told)
+        clock = self.clock + begin * self.segment
+        return replace(self, recorded=recorded, first=self.first - begin, clock=clock)
 
     def _cut(self, whole: np.ndarray) -> np.ndarray:
         """(segments, samples, channels) of this part."""

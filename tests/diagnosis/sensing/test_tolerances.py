@@ -86,18 +86,6 @@ def test_until_it_is_calibrated_what_a_sensor_may_be_off_by_is_noise():
     assert NOTHING_LEFT_OPEN.open(("slider_velocity",)) == ()
 
 
-def test_what_is_held_out_does_not_say_what_a_sensor_may_be_off_by():
-    plain, wild = measured(), measured().recorded.copy()
-    wild[30 * SAMPLES :, :3] *= 50.0
-    one, other = (
-        Measured.of(Recording(values, CHANNELS, CHAIN.rate), CHAIN, "one", 0.25).within(TOLERANCES)
-        for values in (plain.recorded, wild)
-    )
-    np.testing.assert_array_equal(one.sigma, other.sigma)
-    assert one.part(12, 20).around().told == 26 * SAMPLES
-    assert one.part(39, 40).around().told is None
-
-
 def test_what_a_calibration_undoes_is_what_the_sensors_did():
     plain = measured()
     what = TOLERANCES.open(CHANNELS)
