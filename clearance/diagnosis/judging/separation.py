@@ -9,7 +9,7 @@ Reference: Hunter & Reiner 1965, Technometrics 7(3), 307-323 (the experiment for
 fitted, differ most).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 
@@ -29,7 +29,7 @@ from clearance.recording.channels import ACCELERATIONS
 _SLOWER, _FASTER = 0.75, 1.33  # times the slowest and the fastest recording
 _SCALES = ANNEALING[2:]  # of the noise, from coarse to fine
 _ITERATIONS, _TOLERANCE = 6, 1e-2  # of the fit of another explanation at each
-_MOST = 100  # recordings that anybody makes
+_MOST, _COUNTLESS = 100, 10**6  # recordings that anybody makes; above, no number tells more
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,10 @@ class Experiment:
 
 
 def experiments(
-    explanation: Explanation, rivals: Sequence[Attempt], recordings: Sequence[Measured]
+    explanation: Explanation,
+    rivals: Sequence[Attempt],
+    recordings: Sequence[Measured],
+    late: Callable[[], bool] = lambda: False,
 ) -> list[Experiment]:
     """What tells the first of the rivals from each other one, what takes least first.
 
@@ -68,11 +71,14 @@ def experiments(
         explanation: that they belong to.
         rivals: attempts that do equally well; none of a wrong clock, which any other clock shows.
         recordings: that they explain.
+        late: whether the time is over; what was found by then counts.
     """
     truth, *others = rivals
     speeds = truth.fit.values[:, -1]
     found = []
     for proposed in _proposed(np.abs(speeds), recordings[0].channels):
+        if late():
+            break
         speed = float(np.copysign(proposed.speed_rpm, speeds[0]))
         heard = {*recordings[0].channels, proposed.channel}
         try:
@@ -82,13 +88,16 @@ def experiments(
             continue
         followed = followed_segments(run.measured, speed * np.pi / 30.0) / run.segments
         if left > 0.0:
-            found.append(replace(proposed, recordings=ceil(margin(explanation) / (left * followed))))
+            needed = margin(explanation) / (left * followed)  # 0: it is lost at once
+            found.append(replace(proposed, recordings=ceil(np.clip(needed, 1.0, _COUNTLESS))))
     return sorted(found, key=lambda one: one.recordings)
 
 
-def advised(found: Sequence[Experiment]) -> str:
-    """The best of them in plain words."""
+def advised(found: Sequence[Experiment], tried: bool = True) -> str:
+    """The best of them in plain words; ``tried``: whether there was time for all."""
     if not found or found[0].recordings > _MOST:
+        if not tried:
+            return "There was no time to reckon which further recording would tell these explanations apart."
         return (
             "No other speed and no further accelerometer would tell these explanations apart with a hundred "
             "recordings."

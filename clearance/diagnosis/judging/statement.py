@@ -65,7 +65,7 @@ def state(
     body, direction = place_of(explanation, after)
     (clearance, rests_on), others = clearance_of(explanation), rivals(verdict, explanation)
     named = effects_of(best, probabilities(explanation), basis) if verdict not in ("none", "unknown") else []
-    sensors, further = calibration_of(best), _next_experiments(explanation, others, search.recordings)
+    sensors, further = calibration_of(best), _next_experiments(search, explanation, others)
     score = explanation.hints[0].gain if explanation.hints else None
     shows = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > _SHOWS][:_MOST]
     return {
@@ -174,13 +174,12 @@ def _of_judging(
     ]
 
 
-def _next_experiments(
-    explanation: Explanation, rivals: Sequence[Attempt], recordings: Sequence[Measured]
-) -> dict[str, Any]:
+def _next_experiments(search: Search, explanation: Explanation, rivals: Sequence[Attempt]) -> dict[str, Any]:
     """Recordings that would separate explanations which do equally well, and the best of them in words."""
     if len(rivals) < 2:
         return {"next_experiment": None, "experiments": []}
     if any(h.name == "timebase" for one in rivals for h in one.hypotheses):
         return {"next_experiment": "Set the recorder's clock beside another one.", "experiments": []}
-    found = experiments(explanation, rivals, recordings)
-    return {"next_experiment": advised(found), "experiments": [asdict(one) for one in found]}
+    found = experiments(explanation, rivals, search.recordings, search.late)
+    said = advised(found, not search.late())
+    return {"next_experiment": said, "experiments": [asdict(one) for one in found]}

@@ -56,6 +56,15 @@ def test_a_sensor_that_feels_the_difference_is_worth_fewer_recordings(rod):
     assert needed["crank_a_axial", 700] == same  # it rests
 
 
+@pytest.mark.parametrize("left", [np.inf, 1e-300])
+def test_what_is_lost_at_once_takes_one_recording_and_what_is_the_same_countless_ones(rod, monkeypatch, left):
+    monkeypatch.setattr("clearance.diagnosis.judging.separation._left", lambda *_: left)
+    explanation = SimpleNamespace(samples=SAMPLES)
+    found = experiments(explanation, [LITTLE, NOMINAL], [rod])
+    assert {one.recordings for one in found} == {1 if left == np.inf else 10**6}
+    assert experiments(explanation, [LITTLE, NOMINAL], [rod], lambda: True) == []
+
+
 def test_what_is_foreseen_is_what_a_noisy_recording_shows_on_average(rod):
     deaf = [c for c in ACCELERATIONS if c not in ROD]
     run = _recorded(MORE, RPM, rod, deaf)
@@ -85,3 +94,4 @@ def test_what_is_advised_is_said_in_plain_words():
     assert advised([Experiment(12, 700.0)]).startswith("12 further recordings like these would")
     for none in ([], [Experiment(101, 700.0)]):
         assert advised(none).startswith("No other speed and no further accelerometer")
+        assert advised(none, tried=False).startswith("There was no time to reckon")
