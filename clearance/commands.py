@@ -186,8 +186,8 @@ def _require_known(argument: str) -> None:
     added = _ADDED.fullmatch(argument)
     if added and not (CONFIGURATION / added[1]).is_dir():
         raise InputError(
-            f"{argument}: no command reads a key {added[1]!r} that its file leaves out; + stands before keys "
-            "inside others, as in +sensor_chain.default.noise=0.01; --help explains the command's own"
+            f"{argument}: + adds keys inside others, as in +sensor_chain.default.noise=0.01; a key of the "
+            f"command's own is {added[1]}=..., without +, and --help shows them"
         )
 
 

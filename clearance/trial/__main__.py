@@ -47,6 +47,8 @@ def main(cfg: DictConfig) -> None:
     if cfg.seed is not None and (isinstance(cfg.seed, bool) or not isinstance(cfg.seed, int) or cfg.seed < 0):
         raise InputError(f"seed = {cfg.seed!r} is not a whole number, 0 or more, or null; change seed")
     _check_history(cfg.history, cfg.results)
+    if cfg.pictures is not None and Path(cfg.pictures).is_file():
+        raise InputError(f"pictures = {cfg.pictures}: is a file; set pictures to a folder")
     methods = _methods(cfg.baselines)
     part = shard(cfg.shard)
     folder, sealed, parallel = Path(cfg.folder), Path(cfg.sealed), int(cfg.parallel)

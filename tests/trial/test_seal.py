@@ -296,12 +296,14 @@ def test_killed_and_resumed_nothing_is_asked_twice(trial, how):
         ("baselines=[guess]", "baselines: 'guess' is unknown; choose from trajectory, sparse, two_sample"),
         ("stage=loop", "choose experiment=closed_loop, or set loop"),
         ("arguments=[time_limit=400]", "a value with = needs quotes"),
+        ("pictures=a.png", "pictures = a.png: is a file; set pictures to a folder"),
         ("history=page.md", "history = page.md lists .* beside results, which is None; set results"),
     ],
 )
 def test_a_wrong_input_is_one_line(monkeypatch, capfd, tmp_path, override, words):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "verdicts").mkdir()
+    (tmp_path / "a.png").touch()
     code, error = call(monkeypatch, capfd, "trial.__main__", override, "hydra.run.dir=run")
     assert code == 2
     assert re.fullmatch(f"error: .*{words}.*\n", error), error
