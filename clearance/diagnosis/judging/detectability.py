@@ -137,7 +137,7 @@ def detectability_map(
         entry["size"] = {s.name: [[None] * len(speeds) for _ in clearances] for s in sensor_sets}
     for i, clearance in enumerate(clearances):
         for j, speed in enumerate(speeds):
-            found = deviations(setting, chosen, clearance, speed, sensor_sets, faults)
+            found = errors_by_sensor_set(setting, chosen, clearance, speed, sensor_sets, faults)
             for name, each in found.items():
                 for entry, deviation, span in zip(entries, each, spans, strict=True):
                     entry["size"][name][i][j] = _size(deviation, span)
@@ -168,7 +168,7 @@ def faults_of_sensors(effects: Sequence[Effect]) -> list[Effect]:
     return [e for e in effects if e.each_channel and e.free[0].off is not None and np.isfinite(e.free[0].off)]
 
 
-def deviations(
+def errors_by_sensor_set(
     setting: Setting,
     hypotheses: Sequence[Hypothesis],
     clearance: float,

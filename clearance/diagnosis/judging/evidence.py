@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.hypotheses.missing_force import PLACES
 from clearance.diagnosis.judging.mismatch import Innovations, innovations, locate, whiteness
 from clearance.diagnosis.judging.nominal_map import nominal_map
 from clearance.diagnosis.judging.signature import signatures
@@ -21,7 +22,7 @@ from clearance.simulation.layout import Signal, State
 _SHOWN = 1500  # samples of an overlay
 _DRAWS = 100  # of unknown forces from what is known of them: their scatter is the band
 _HINTS = 15  # hypotheses of the ranking that were not fitted
-_BODIES = (("crank", "torque", "N m"), ("rod", "moment", "N m"), ("slider", "x", "N"))
+_UNITS = {"torque": "N m", "moment": "N m", "x": "N"}
 
 
 def gather_evidence(
@@ -90,11 +91,12 @@ def _missing_force(search: Search, along: Attempt) -> list[dict[str, Any]]:
         inputs, count = follower.path.inputs, len(follower.input_sigma)
         drawn = np.array([one.draw(random)[:, -count:] for _ in range(_DRAWS)])
         deviation = drawn.std(axis=0) * follower.input_sigma
-        for i, (body, direction, unit) in enumerate(_BODIES):
+        for i, (body, direction) in enumerate(PLACES):
             value, half = inputs[:, i], 1.96 * deviation[:, i]
             found.append(
                 {
-                    "recording": trace.measured.name, "body": body, "direction": direction, "unit": unit,
+                    "recording": trace.measured.name, "body": body, "direction": direction,
+                    "unit": _UNITS[direction],
                     "time_s": (follower.measured.segment * np.arange(len(value))).round(6).tolist(),
                     "value": value.round(5).tolist(), "low": (value - half).round(5).tolist(),
                     "high": (value + half).round(5).tolist(),

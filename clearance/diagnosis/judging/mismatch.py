@@ -120,11 +120,14 @@ def _quiet_square(each: np.ndarray) -> float:
 
 
 def interval(errors: Sequence[Innovations], draws: int = 400) -> tuple[float, float]:
-    """95 % interval of ``root_mean_square`` by resampling blocks of ten segments (Kuensch 1989)."""
-    generator, length = np.random.default_rng(0), 10 * SAMPLES
-    rows = np.concatenate(
-        [_block_squares(one.values[: len(one.values) // length * length]).reshape(-1, 10) for one in errors]
-    )
+    """95 % interval of ``root_mean_square`` by resampling blocks of ten segments (Kuensch 1989).
+
+    Of fewer where there are not ten such blocks, or a recording is shorter than one.
+    """
+    generator = np.random.default_rng(0)
+    squares = [_block_squares(one.values) for one in errors]
+    length = max(1, min(10, sum(map(len, squares)) // 10, *map(len, squares)))
+    rows = np.concatenate([each[: len(each) // length * length].reshape(-1, length) for each in squares])
     found = [
         np.sqrt(_quiet_square(rows[generator.integers(0, len(rows), len(rows))].ravel()))
         for _ in range(draws)

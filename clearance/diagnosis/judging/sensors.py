@@ -16,7 +16,7 @@ _UNITS = {"gain": "", "misalignment": "deg", "delay": "s", "bias": "m/s^2"}
 _KEYS = {"gain": "gain", "misalignment": "mounting_angle", "delay": "delay", "bias": "bias"}
 
 
-def calibration_of(attempt: Attempt) -> dict[str, dict[str, dict[str, Any]]]:
+def calibrated_sensors(attempt: Attempt) -> dict[str, dict[str, dict[str, Any]]]:
     """By channel and key of ``recording.sensors.Sensor``: value, interval, unit; empty where all are exact.
 
     Delays are counted from the crank's angle, or from the accelerometer that has none here.

@@ -9,7 +9,7 @@ from clearance.diagnosis.judging.detectability import seen_beside
 from clearance.diagnosis.judging.held_out import Judged
 from clearance.diagnosis.judging.mismatch import Innovations, interval, root_mean_square, summary
 from clearance.diagnosis.judging.play import clearance_of
-from clearance.diagnosis.judging.sensors import advice, calibration_of, largest
+from clearance.diagnosis.judging.sensors import advice, calibrated_sensors, largest
 from clearance.diagnosis.judging.separation import advised, experiments
 from clearance.diagnosis.judging.true_seconds import true_speed
 from clearance.diagnosis.judging.verdict import (
@@ -65,7 +65,7 @@ def state(
     body, direction = place_of(explanation, after)
     (clearance, rests_on), others = clearance_of(explanation), rivals(verdict, explanation)
     named = effects_of(best, probabilities(explanation), basis) if verdict not in ("none", "unknown") else []
-    sensors, further = calibration_of(best), _next_experiments(search, explanation, others)
+    sensors, further = calibrated_sensors(best), _next_experiments(search, explanation, others)
     score = explanation.hints[0].gain if explanation.hints else None
     shows = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > _SHOWS][:_MOST]
     return {

@@ -45,6 +45,10 @@ _BESIDE = 12  # hypotheses whose pairs are looked at
 _LARGEST = 3.0  # of the plausible size, to begin a fit with at most
 
 
+ONSET = 0.01
+"""Of what a linear look promises, to begin with: an effect changes the path that was looked at."""
+
+
 @dataclass(frozen=True)
 class Hint:
     """One or two hypotheses that promise to explain something.

@@ -10,7 +10,7 @@ from clearance.diagnosis.hypotheses.free_form import unnamed
 from clearance.diagnosis.searching.beside import beside
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import reshape
-from clearance.diagnosis.searching.screening import Hint, screen
+from clearance.diagnosis.searching.screening import ONSET, Hint, screen
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import SURE, margin, unsettled
 from clearance.diagnosis.searching.torn import rejoin_impacts
@@ -26,7 +26,6 @@ _LOUD = 1.1  # sigma that a channel is off by, where no sensor's fault is to be 
 _LEFT = 0.3  # of it: a fault that is right leaves less
 _RIVAL = 0.5  # of what lobes promise: others that promise less are not tried
 _TURNS = 0.5 * np.pi * np.arange(4)  # of lobes' phase from what a linear look says
-_ONSET = 0.01  # of what a linear look promises, to begin with
 
 
 def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
@@ -220,4 +219,4 @@ def _begun(hint: Hint) -> np.ndarray:
     off = np.concatenate([h.off for h in hint.hypotheses])
     shapes = np.concatenate([h.shapes for h in hint.hypotheses])
     near = np.isfinite(off) & ~shapes
-    return np.where(near, off + _ONSET * (hint.values - np.where(near, off, 0.0)), hint.values)
+    return np.where(near, off + ONSET * (hint.values - np.where(near, off, 0.0)), hint.values)

@@ -10,13 +10,12 @@ import numpy as np
 from clearance.diagnosis.following.attempt import LOOSENESS
 from clearance.diagnosis.hypotheses.free_form import Curve, free_form
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.screening import shapes
+from clearance.diagnosis.searching.screening import ONSET, shapes
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import unsettled
 
 _PLACES = 3  # bodies and directions in which curves are fitted, one each
 _MORE = 2  # other arguments of the one that says most
-_ONSET = 0.01  # of what a linear look promises, to begin with
 
 
 def begin_small_force(search: Search, explanation: Explanation) -> None:
@@ -43,7 +42,7 @@ def begin_small_force(search: Search, explanation: Explanation) -> None:
             if search.late() or not unsettled(explanation):
                 return True
             search.report(f"  a small force: {curve.body} {curve.direction} by {curve.argument}")
-            begun = _ONSET * curve.forces
+            begun = ONSET * curve.forces
             values = np.array([[row[0], *begun, row[-1]] for row in nominal.fit.values])
             held = [free_form(curve, joint)]
             search.refit(explanation, held, nominal.followers, values, nominal.scale, 20, again=True)

@@ -11,8 +11,8 @@ from clearance.diagnosis.judging.detectability import (
     _standard_errors,
     _with_faults,
     detectability_map,
-    deviations,
     differentiable,
+    errors_by_sensor_set,
     faults_of_sensors,
     follower_on_path,
     seen,
@@ -54,8 +54,8 @@ def test_effects_without_a_derivative_are_left_out_and_sizes_beyond_the_bounds_t
 
 def test_noise_and_sensors_set_the_standard_error():
     chosen = list(hypotheses("guide_friction", "torque_ripple").values())
-    one = deviations(SETTING, chosen, CLEARANCE, RPM, [ALL, ROD])
-    two = deviations(SETTING, chosen, CLEARANCE, RPM, [ALL], noise=0.02)
+    one = errors_by_sensor_set(SETTING, chosen, CLEARANCE, RPM, [ALL, ROD])
+    two = errors_by_sensor_set(SETTING, chosen, CLEARANCE, RPM, [ALL], noise=0.02)
     assert (one["all"] < one["rod"]).all()
     friction, ripple = two["all"] / one["all"]
     assert ripple == pytest.approx(2.0, rel=0.1)
@@ -138,7 +138,7 @@ def test_fits_find_an_effect_of_that_size_and_not_a_third_of_it(name, sensors):
     for share in (1.0, 1.0 / 3.0):
         values = hypothesis.off.copy()
         seconds = 0.3
-        error = deviations(SETTING, [hypothesis], CLEARANCE, RPM, [sensors])[sensors.name][0]
+        error = errors_by_sensor_set(SETTING, [hypothesis], CLEARANCE, RPM, [sensors])[sensors.name][0]
         values[0] += share * smallest(error) / np.sqrt(seconds)
         truth = follower_on_path(hypothesis.apply(SETTING.model().machine(start[0, [0, -1]]), values), 0.01)
         assert truth.measured.seconds == pytest.approx(seconds)

@@ -51,6 +51,14 @@ def test_a_perfect_model_scores_one_and_a_run_that_ends_in_no_number_very_much()
     json.dumps(numbers, allow_nan=False)
 
 
+def test_even_a_recording_of_few_segments_has_an_interval_around_its_error():
+    generator = np.random.default_rng(2)
+    few, many = (SimpleNamespace(values=generator.normal(size=(n * SAMPLES, 2))) for n in (7, 200))
+    for errors in ([few], [few, many], [many]):
+        low, high = interval(errors)
+        assert 0.7 < low < root_mean_square(errors) < high < 1.3
+
+
 @pytest.mark.parametrize(("joint", "journal"), [("B", 0), ("C", 1)])
 def test_sliding_is_that_of_the_diagnosed_joint_where_both_are_loose(joint, journal):
     one = attempt(np.ones((SEGMENTS, SAMPLES, 2)), np.ones((SEGMENTS, SAMPLES, 2)))

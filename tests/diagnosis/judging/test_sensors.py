@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clearance.diagnosis.judging.sensors import advice, calibration_of, declared, largest
+from clearance.diagnosis.judging.sensors import advice, calibrated_sensors, declared, largest
 from clearance.diagnosis.sensing.tolerances import Tolerances, instrument_of
 from tests.diagnosis.sensing.test_tolerances import CHANNELS, TOLERANCES, measured
 
@@ -23,7 +23,7 @@ def attempt(seed=0):
 
 
 def test_every_sensor_has_its_values_with_intervals():
-    found = calibration_of(attempt())
+    found = calibrated_sensors(attempt())
     assert list(found) == list(CHANNELS[:3])  # whose delays are counted from the crank's angle
     gain = found["rod_b_axial"]["gain"]
     assert gain["value"] == pytest.approx(1.006)
@@ -38,7 +38,7 @@ def test_exact_sensors_have_none():
     one = SimpleNamespace(
         followers=[SimpleNamespace(measured=measured())], fit=SimpleNamespace(covariance=None)
     )
-    assert calibration_of(one) == {}
+    assert calibrated_sensors(one) == {}
 
 
 def test_advice_is_given_where_noise_is_low_and_sensors_were_taken_for_exact():
