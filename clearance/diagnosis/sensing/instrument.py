@@ -17,7 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from clearance.diagnosis.sensing.restoration import STILL, BoolArray, turn_back, unclipped, undo_response
+from clearance.diagnosis.sensing.restoration import (
+    STILL,
+    BoolArray,
+    known_along,
+    turn_back,
+    unclipped,
+    undo_response,
+)
 from clearance.errors import InputError
 from clearance.recording.channels import ACCELERATIONS, AXIS_PAIRS, require_channel
 
@@ -233,6 +240,12 @@ class Instrument:
         Raises:
             InputError: a gain of zero; a turned channel lacks its other axis.
         """
+        felt, known = self.felt(signals, channels, rate)
+        trusted = known_along(known, channels, _each(channels, self.misalignment, 0.0))
+        return self.turned_back(felt, channels), trusted
+
+    def felt(self, signals: FloatArray, channels: Sequence[str], rate: float) -> tuple[FloatArray, BoolArray]:
+        """What the housings felt along their own axes: ``correct``, but for the angles, likewise."""
         columns = list(channels)
         gain = _each(columns, self.gain, 1.0)
         if not gain.all():
@@ -241,7 +254,7 @@ class Instrument:
                 "correct; give a gain other than 0"
             )
         known = unclipped(signals, _each(columns, self.saturation, inf))
-        restored, known = undo_response(
+        return undo_response(
             (signals - _each(columns, self.bias, 0.0)) / gain,
             known,
             rate,
@@ -249,7 +262,33 @@ class Instrument:
             _each(columns, self.resonance, inf),
             _each(columns, self.resonance_damping, 0.05),
         )
-        return turn_back(restored, known, columns, _each(columns, self.misalignment, 0.0))
+
+    def turned_back(self, felt: FloatArray, channels: Sequence[str]) -> FloatArray:
+        """What was felt along the housings' axes, along the nominal ones."""
+        return turn_back(felt, channels, _each(channels, self.misalignment, 0.0))
+
+    def felt_instead(
+        self, other: "Instrument", felt: FloatArray, recorded: FloatArray, channel: str, rate: float
+    ) -> FloatArray:
+        """(samples,) that the housing of a channel felt if the instrument is another one.
+
+        Gain and offset have the same response before them, which is not undone a second time.
+
+        Args:
+            other: the instrument instead.
+            felt: (samples,) by this one.
+            recorded: (samples,).
+            channel: whose.
+            rate: [Hz].
+        """
+        response, theirs = (
+            [getattr(faults, name).get(channel) for name in _RESPONSE] for faults in (self, other)
+        )
+        if response == theirs and response != [None] * len(_RESPONSE):
+            signal = felt * self.gain.get(channel, 1.0) + self.bias.get(channel, 0.0)
+            instead: FloatArray = (signal - other.bias.get(channel, 0.0)) / other.gain.get(channel, 1.0)
+            return instead
+        return other.felt(recorded[:, None], [channel], rate)[0][:, 0]
 
 
 def _both(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
@@ -261,6 +300,7 @@ def _each(channels: Sequence[str], fault: Mapping[str, float], neutral: float) -
     return np.array([fault.get(name, neutral) for name in channels])
 
 
+_RESPONSE = ("delay", "resonance", "resonance_damping")
 FAULTS = tuple(entry.name for entry in fields(Instrument))
 FAULTY_CHANNELS = ACCELERATIONS
 """Channels that a fault of one sensor is looked for in."""

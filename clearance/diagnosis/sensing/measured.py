@@ -1,6 +1,6 @@
 """A recording as the estimator sees it: cut into segments, with its filter and its noise."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from zlib import crc32
 
@@ -307,24 +307,36 @@ class Measured:
         found: np.ndarray = self.sigma * quiet.std(axis=0)
         return found
 
-    def moved(self, before: Instrument, after: Instrument) -> np.ndarray:
-        """(segments, samples, channels) by which ``restored`` values differ between two instruments.
+    def moved(self, before: Instrument, after: Iterable[Instrument]) -> Iterator[np.ndarray]:
+        """By which ``restored`` values differ from one instrument to each of others.
 
         Only channels that they treat differently are looked at, and what these mix with.
+
+        Yields:
+            (segments, samples, channels).
         """
-        touched = before.differing(after)
-        if touched is None:
-            return self.restored(after)[0] - self.restored(before)[0]
-        mixed = touched | {OTHER_AXIS[name][0] for name in touched if name in OTHER_AXIS}
-        columns = [i for i, name in enumerate(self.channels) if name in mixed]
-        recorded = self.recorded if self.raw is None else self.raw[0]
-        names, part = [self.channels[i] for i in columns], recorded[:, columns]
-        each = [self.sensors.beside(faults) for faults in (before, after)]
-        one, other = (faults.correct(part, names, self.chain.rate)[0] for faults in each)
-        counted = pace([self.signals[i] for i in columns], before)
-        change = np.zeros((len(self.recorded), len(self.channels)))
-        change[:, columns] = (other - one) * counted
-        return self._cut(change)
+        recorded, rate = self.recorded if self.raw is None else self.raw[0], self.chain.rate
+        one = self.sensors.beside(before)
+        felt, _ = one.felt(recorded, self.channels, rate)
+        for faults in after:
+            touched = before.differing(faults)
+            if touched is None:
+                yield self.restored(faults)[0] - self.restored(before)[0]
+                continue
+            mixed = touched | {OTHER_AXIS[name][0] for name in touched if name in OTHER_AXIS}
+            columns = [i for i, name in enumerate(self.channels) if name in mixed]
+            names, other = [self.channels[i] for i in columns], self.sensors.beside(faults)
+            was = felt[:, columns]
+            now = was.copy()
+            for place, column in enumerate(columns):
+                if self.channels[column] in touched:
+                    now[:, place] = one.felt_instead(
+                        other, felt[:, column], recorded[:, column], self.channels[column], rate
+                    )
+            counted = pace([self.signals[i] for i in columns], before)
+            change = np.zeros(recorded.shape)
+            change[:, columns] = (other.turned_back(now, names) - one.turned_back(was, names)) * counted
+            yield self._cut(change)
 
     def undone(self, instrument: Instrument) -> "Measured":
         """The same recording as faultless instruments would have made it."""

@@ -9,7 +9,7 @@ References: as ``sensing.instrument``; an inverse of bounded gain: Bertero & Boc
 Introduction to Inverse Problems in Imaging, ch. 5.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import ceil
 
 import numpy as np
@@ -104,26 +104,41 @@ def _shrunk(known: BoolArray, shift: float) -> BoolArray:
     return fine
 
 
-def turn_back(
-    signals: FloatArray, known: BoolArray, channels: Sequence[str], degrees: ArrayLike
-) -> tuple[FloatArray, BoolArray]:
-    """Signals along the nominal axes, and which of them are known, from accelerometers that were turned.
+def turn_back(signals: FloatArray, channels: Sequence[str], degrees: ArrayLike) -> FloatArray:
+    """Signals along the nominal axes, from accelerometers that were turned.
 
     Both axes of a point are solved for together. An axis that was not recorded is taken as zero where a
     nominal mechanism has it so (``STILL``).
 
     Args:
         signals: (samples, channels).
-        known: (samples, channels), which samples may be trusted.
         channels: names of the columns.
         degrees: angle of each channel's axis, counter-clockwise [deg].
 
     Raises:
         InputError: a turned channel lacks the other axis of its point, or the axes of a point became one.
     """
+    along = signals.copy()
+    for columns, back in _turned_pairs(channels, degrees):
+        along[:, columns] = signals[:, columns] @ back.T
+    return along
+
+
+def known_along(known: BoolArray, channels: Sequence[str], degrees: ArrayLike) -> BoolArray:
+    """Of (samples, channels) known of turned accelerometers, which are along the nominal axes: ``turn_back``.
+
+    An unknown sample spoils every axis that it enters.
+    """
+    trusted = known.copy()
+    for columns, back in _turned_pairs(channels, degrees):
+        trusted[:, columns] = ~((~known[:, columns]).astype(int) @ (back.T != 0.0)).astype(bool)
+    return trusted
+
+
+def _turned_pairs(channels: Sequence[str], degrees: ArrayLike) -> Iterator[tuple[list[int], FloatArray]]:
+    """Columns of the axes of each point where one is turned, and the matrix that turns them back."""
     names = list(channels)
     angles = np.radians(np.broadcast_to(np.asarray(degrees, dtype=float), len(names)))
-    restored, trusted = signals.copy(), known.copy()
     turned = {name: angle for name, angle in zip(names, angles, strict=True) if angle != 0.0}
     for first, second in AXIS_PAIRS:
         present = [name for name in (first, second) if name in names]
@@ -146,9 +161,4 @@ def turn_back(
                 f"{' and '.join(f'{np.degrees(turned.get(name, 0.0)):g}' for name in present)} deg cannot be "
                 "turned back; give angles within -45 and 45 deg"
             )
-        columns = [names.index(name) for name in present]
-        back = np.linalg.inv(mixing)
-        restored[:, columns] = signals[:, columns] @ back.T
-        # an unknown sample spoils every axis that it enters
-        trusted[:, columns] = ~((~known[:, columns]).astype(int) @ (back.T != 0.0)).astype(bool)
-    return restored, trusted
+        yield [names.index(name) for name in present], np.linalg.inv(mixing)

@@ -164,12 +164,12 @@ class Follower:
         jacobian[..., :nz] = jacobian[..., :nz] @ bases[:, None, None]
         own = (chart.units / noise)[None, :, None] * bases
         own[1:] *= grip[:-1, None, None]
-        if any(fault is not None for fault in faults):
+        changed = {i: fault for i, fault in enumerate(faults) if fault is not None}
+        if changed:
             # a fault changes what is predicted: undoing it on the noise as well would reward a smaller noise
             clean = self.measured.less(first, seen.values - seen.predicted, instrument)
-            for i, fault in enumerate(faults):
-                if fault is not None:
-                    shared[:, 1, :, :, i] -= clean.moved(instrument, fault)[first:last]
+            for i, moved in zip(changed, clean.moved(instrument, changed.values()), strict=True):
+                shared[:, 1, :, :, i] -= moved[first:last]
         weight = 1.0 / (self.measured.restored(instrument)[1] * scale)
         jacobian *= weight[:, None]
         shared *= weight[:, None]

@@ -241,5 +241,16 @@ def test_what_moves_between_two_instruments_is_the_difference_of_what_they_resto
     before = Instrument(gain={"rod_b_axial": 1.02}, delay={"slider_horizontal": 2e-5})
     after = before.changed(fault, value, channel)
     expected = one.restored(after)[0] - one.restored(before)[0]
-    np.testing.assert_array_equal(one.moved(before, after), expected)
-    assert not one.moved(before, before).any()
+    moved, unmoved = one.moved(before, [after, before])
+    np.testing.assert_array_equal(moved, expected)
+    assert not unmoved.any()
+    # where everything is off the response is not undone anew for what comes behind it
+    off = {"rod_b_axial": 1e-5, "rod_b_transverse": -2e-5, "slider_horizontal": 2e-5}
+    before = replace(
+        before, delay=off, bias={"rod_b_axial": 3.0}, misalignment={"rod_b_axial": 1.0},
+        resonance={"rod_b_transverse": 2e4},
+    )  # fmt: skip
+    after = before.changed(fault, value, channel)
+    expected = one.restored(after)[0] - one.restored(before)[0]
+    (moved,) = one.moved(before, [after])
+    np.testing.assert_allclose(moved, expected, rtol=1e-9, atol=1e-11 * np.abs(one.values).max())
