@@ -21,6 +21,8 @@ from clearance.diagnosis.sensing.restoration import (
     STILL,
     BoolArray,
     known_along,
+    noise_along,
+    noise_gain,
     turn_back,
     unclipped,
     undo_response,
@@ -266,6 +268,19 @@ class Instrument:
     def turned_back(self, felt: FloatArray, channels: Sequence[str]) -> FloatArray:
         """What was felt along the housings' axes, along the nominal ones."""
         return turn_back(felt, channels, _each(channels, self.misalignment, 0.0))
+
+    def noise(self, sigma: FloatArray, channels: Sequence[str], rate: float) -> FloatArray:
+        """(channels,) standard deviations that white noise of the recorded signals has in corrected ones.
+
+        Args:
+            sigma: (channels,) of the recorded signals.
+            channels: their names.
+            rate: [Hz].
+        """
+        damping = _each(channels, self.resonance_damping, 0.05)
+        response = noise_gain(rate, _each(channels, self.resonance, inf), damping)
+        louder = response / np.abs(_each(channels, self.gain, 1.0))
+        return noise_along(sigma * louder, channels, _each(channels, self.misalignment, 0.0))
 
     def felt_instead(
         self, other: "Instrument", felt: FloatArray, recorded: FloatArray, channel: str, rate: float

@@ -23,7 +23,6 @@ _LEAST, _ADDED = 1e-4, 0.01
 """Shares of a channel's standard deviation: noise below which no sensor made a recording, and the
 noise that is added there, so that errors of the simulator do not pass for something missing."""
 _AROUND = 8  # segments on each side: what undoing a delay or a resonance needs
-_NOISE = np.random.default_rng(0).normal(size=(4096, len(Signal)))
 _PACE = {  # power of the clock's unit of time in a channel; 2 for accelerations and torques
     Signal.CRANK_ANGLE: 0.0, Signal.CRANK_SPEED: 1.0, Signal.SLIDER_POSITION: 0.0, Signal.SLIDER_VELOCITY: 1.0
 }  # fmt: skip
@@ -200,7 +199,7 @@ class Measured:
         if sensors == NO_FAULT and covariance is None:
             return plain
         whole, _ = sensors.correct(plain.recorded, self.channels, self.chain.rate)
-        sigma, raw = plain._through(sensors), (plain.recorded, plain.sigma)
+        sigma, raw = sensors.noise(plain.sigma, self.channels, self.chain.rate), (plain.recorded, plain.sigma)
         found = replace(self, values=self._cut(whole), recorded=whole, sigma=sigma, sensors=sensors, raw=raw)
         if covariance is None:
             return replace(found, covariance=None)
@@ -291,21 +290,13 @@ class Measured:
         counted = pace(self.signals, instrument)
         if self.raw is None:
             whole, known = instrument.correct(self.recorded, self.channels, self.chain.rate)
-            return self._cut(whole * counted), self._through(instrument) * counted, self._cut(known)
+            sigma = instrument.noise(self.sigma, self.channels, self.chain.rate) * counted
+            return self._cut(whole * counted), sigma, self._cut(known)
         both, plain = self.sensors.beside(instrument), self.as_recorded()
         whole, known = both.correct(plain.recorded, self.channels, self.chain.rate)
-        doubt = np.maximum(self.sigma**2 - plain._through(self.sensors) ** 2, 0.0)
-        sigma = np.sqrt(plain._through(both) ** 2 + doubt) * counted
+        own, other = (one.noise(plain.sigma, self.channels, self.chain.rate) for one in (self.sensors, both))
+        sigma = np.sqrt(other**2 + np.maximum(self.sigma**2 - own**2, 0.0)) * counted
         return self._cut(whole * counted), sigma, self._cut(known)
-
-    def _through(self, instrument: Instrument) -> np.ndarray:
-        """(channels,) noise after an instrument's faults were undone."""
-        if instrument == NO_FAULT:
-            return self.sigma
-        free = replace(instrument, bias={}, saturation={})
-        quiet, _ = free.correct(_NOISE[:, : len(self.channels)], self.channels, self.chain.rate)
-        found: np.ndarray = self.sigma * quiet.std(axis=0)
-        return found
 
     def moved(self, before: Instrument, after: Iterable[Instrument]) -> Iterator[np.ndarray]:
         """By which ``restored`` values differ from one instrument to each of others.

@@ -28,6 +28,7 @@ _NEAR_LIMIT = 0.99  # of the limit: a limit that was fitted, or a converter that
 _REACH = 16  # samples that an unknown one spoils on each side by more than about 1 % of its error
 _CONTINUED = 64  # samples by which a signal is continued at both ends, fading to a common level
 _AMPLIFICATION = 30.0  # largest gain of an undone resonance: what exceeds the noise by 30 dB is restored
+_BANDS = 512  # of the frequencies over which noise is added up
 _TURNED = 0.1  # smallest cosine by which a turned axis is divided
 
 
@@ -68,10 +69,8 @@ def undo_response(
         return signals, known
     continued = _continued(signals[:, active])
     frequency = np.fft.rfftfreq(len(continued), 1.0 / rate)[:, None]
-    ratio = frequency / natural[active]
-    inverse = 1.0 - ratio**2 + 2j * damping[active] * ratio
-    inverse /= np.maximum(1.0, np.abs(inverse) / _AMPLIFICATION)
-    inverse = inverse * np.exp(2j * np.pi * frequency * late[active])
+    inverse = _inverse_resonance(frequency / natural[active], damping[active])
+    inverse *= np.exp(2j * np.pi * frequency * late[active])
     restored, trusted = signals.copy(), known.copy()
     restored[:, active] = np.fft.irfft(np.fft.rfft(continued, axis=0) * inverse, len(continued), axis=0)[
         _CONTINUED : _CONTINUED + samples
@@ -79,6 +78,27 @@ def undo_response(
     for column in map(int, active):
         trusted[:, column] = _shrunk(known[:, column], late[column] * rate)
     return restored, trusted
+
+
+def noise_gain(rate: float, resonance: ArrayLike, damping_ratio: ArrayLike) -> FloatArray:
+    """(channels,) by which undoing responses makes white noise louder; a delay leaves it as loud as it was.
+
+    Args:
+        rate: [Hz].
+        resonance: (channels,) natural frequencies [Hz]; infinite: none.
+        damping_ratio: (channels,) of the resonances [-].
+    """
+    frequency = (np.arange(_BANDS) + 0.5)[:, None] * (0.5 * rate / _BANDS)
+    inverse = _inverse_resonance(frequency / np.asarray(resonance), np.asarray(damping_ratio))
+    gain: FloatArray = np.sqrt((np.abs(inverse) ** 2).mean(axis=0))
+    return gain
+
+
+def _inverse_resonance(ratio: FloatArray, damping_ratio: FloatArray) -> NDArray[np.complex128]:
+    """Of a second-order response at these ratios of frequency to its natural one, of bounded size."""
+    inverse = 1.0 - ratio**2 + 2j * damping_ratio * ratio
+    bounded: NDArray[np.complex128] = inverse / np.maximum(1.0, np.abs(inverse) / _AMPLIFICATION)
+    return bounded
 
 
 def _continued(signals: FloatArray) -> FloatArray:
@@ -133,6 +153,15 @@ def known_along(known: BoolArray, channels: Sequence[str], degrees: ArrayLike) -
     for columns, back in _turned_pairs(channels, degrees):
         trusted[:, columns] = ~((~known[:, columns]).astype(int) @ (back.T != 0.0)).astype(bool)
     return trusted
+
+
+def noise_along(sigma: FloatArray, channels: Sequence[str], degrees: ArrayLike) -> FloatArray:
+    """(channels,) noise along the nominal axes, from that of turned accelerometers: ``turn_back``."""
+    squares = sigma**2
+    for columns, back in _turned_pairs(channels, degrees):
+        squares[columns] = back**2 @ squares[columns]
+    along: FloatArray = np.sqrt(squares)
+    return along
 
 
 def _turned_pairs(channels: Sequence[str], degrees: ArrayLike) -> Iterator[tuple[list[int], FloatArray]]:

@@ -142,6 +142,25 @@ def test_sensitivities_are_the_derivatives():
     assert (np.abs(found - expected)[INSIDE] < [0.02, 0.1, 0.02] * scale).all()
 
 
+@pytest.mark.parametrize(
+    "faults",
+    [
+        Instrument(gain={"rod_b_axial": -2.0, "slider_horizontal": 0.8}),
+        Instrument(delay={"rod_b_axial": 3.3e-5}),
+        Instrument(misalignment={"rod_b_axial": 30.0, "rod_b_transverse": -20.0}),
+        Instrument(
+            resonance={"rod_b_axial": 2200.0, "slider_horizontal": 700.0},
+            resonance_damping={"slider_horizontal": 0.4}, misalignment={"rod_b_axial": 10.0},
+        ),
+    ],
+)  # fmt: skip
+def test_white_noise_gets_as_loud_as_a_restoration_makes_it(faults):
+    sigma = np.array([1.0, 0.3, 2.0])
+    noise = sigma * np.random.default_rng(0).normal(size=(100_000, 3))
+    restored, _ = faults.correct(noise, CHANNELS, RATE)
+    np.testing.assert_allclose(faults.noise(sigma, CHANNELS, RATE), restored.std(axis=0), rtol=0.01)
+
+
 def test_what_instruments_cannot_have_is_refused():
     with pytest.raises(InputError, match=r"rod_b_axial turned by 3 deg mixes in rod_b_transverse"):
         misalign(signals()[:, :1], CHANNELS[:1], 3.0)
