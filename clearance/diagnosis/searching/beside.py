@@ -12,6 +12,7 @@ FAR = 20.0
 """Misfit from which on a linear look beside the path tells little, and what is right leaves far less."""
 HALFWAY = 0.3  # of the base's misfit: a sensor's fault that reaches that is worth a path of its own
 SHARED = 0.6  # of it: what leaves less may be one of two effects that share what is missing
+NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
 BETTER = 0.8  # of the base's misfit: a model that does not reach that beside its path, or with one recording
 
 

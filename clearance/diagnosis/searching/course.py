@@ -23,14 +23,12 @@ from clearance.diagnosis.searching.free_search import (
     suggest_curve,
 )
 from clearance.diagnosis.searching.from_motion import (
-    begin_balanced,
-    begin_beside,
     begin_clock,
     begin_dimensions,
     begin_displaced,
-    begin_pairs,
     begin_wear,
 )
+from clearance.diagnosis.searching.from_work import begin_balanced, begin_beside, begin_pairs
 from clearance.diagnosis.searching.geometry import (
     GEOMETRIC,
     LOOSE_GUIDE,

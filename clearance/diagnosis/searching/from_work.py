@@ -1,0 +1,277 @@
+"""Effects that give the torque which the motion needs: forces with a name, two of them, tables."""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, unnamed
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
+from clearance.diagnosis.searching.balance import Suggested, settle_in, suggest_forces
+from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, NEARLY_ALL, SHARED
+from clearance.diagnosis.searching.elsewhere import begin_again
+from clearance.diagnosis.searching.everywhere import fit_from
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.searching.tables import place_jumps, refine_table
+from clearance.diagnosis.searching.work import Balanced
+from clearance.errors import InputError
+
+_BESIDE = 2  # forces that are tried beside a part
+_FITTED, _PAIRS = 3, 5  # of the names that are suggested, of the tables too, and of pairs
+_CLEARLY = 0.1  # of what any other leaves of the imbalance: that effect is there, alone or as one of two
+_TOGETHER = 0.75  # of the price of any effect alone: two that cost less come before tables
+_AS_CHEAP = 1.1  # times the price of the best two: others are tried as well
+_NO_LESS = 0.9  # of what a name leaves of the imbalance: a table that leaves more says no more
+
+
+def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[Balanced]:
+    """Fit effects that give the torque that the motion needs, ``most`` together.
+
+    Returns:
+        Two effects that give it together and were not tried, the best first; see ``begin_pairs``.
+    """
+    try:
+        suggested = suggest_forces(search, search.setting, search.profile.best)
+    except np.linalg.LinAlgError:
+        return []
+    if suggested is None:
+        return []
+    explanation.balanced = suggested.balanced
+    explanation.unpushed = not (suggested.forces or suggested.blind)
+    explanation.pushes = [
+        (one.hypotheses[0], one.values)
+        for one in suggested.forces
+        if len(one.hypotheses) == 1 and one.curve is None
+    ]
+    balancing = _Balancing(search, explanation, suggested, most)
+    balancing.run()
+    return balancing.pairs
+
+
+class _Balancing:
+    """The forces that the balance of work suggests, one after another.
+
+    Attributes:
+        pairs: two effects that were not tried yet.
+    """
+
+    def __init__(self, search: Search, explanation: Explanation, suggested: Suggested, most: int) -> None:
+        self.search, self.explanation, self.suggested, self.most = search, explanation, suggested, most
+        self.pairs = suggested.pairs
+        self._together = _clear_pairs(suggested) if most > 1 else []
+        self._names: list[set[str]] = []  # that were tried
+        self._named_cost = np.inf  # what the best name that explains a share leaves of the imbalance
+
+    def run(self) -> None:
+        """Until one is enough, or says that the others say no more."""
+        for one in self._different():
+            if one.curve is not None and (self._try_together() or one.cost > _NO_LESS * self._named_cost):
+                return
+            nearly = self._fit(one)
+            if explained(self.explanation.best) or nearly or self.search.late() or self._one_of_two(one):
+                return
+            if one.curve is not None and self._named():
+                return
+        if self.suggested.weak is not None and not (explained(self.explanation.best) or self.search.late()):
+            found, table = _follow_table(self.search, self.explanation, self.suggested.weak)
+            if found is not None and table is not None and not explained(found):
+                refine_table(self.search, self.explanation, table, found)
+
+    def _different(self) -> Iterator[Balanced]:
+        """One variant of each effect, one argument of a force without a name; not many of each."""
+        tables: list[str] = []
+        for one in self.suggested.forces:
+            if len(one.hypotheses) > self.most:
+                continue
+            names = {hypothesis.name for hypothesis in one.hypotheses}
+            if one.curve is None and names not in self._names and len(self._names) < _FITTED:
+                self._names.append(names)
+                yield one
+            elif one.curve is not None and one.label not in tables and len(tables) < _FITTED:
+                tables.append(one.label)
+                yield one
+
+    def _try_together(self) -> bool:
+        """Fit pairs that come before any table, once; whether that is enough."""
+        if not self._together:
+            return False
+        new = [p for p in self._together if {h.name for h in p.hypotheses} not in self._names]
+        begin_pairs(self.search, self.explanation, new)
+        self.pairs, self._together = _without(self.pairs, self._together), []
+        best = self.explanation.best
+        near = best.misfit < NEARLY_ALL * self.explanation.nominal.misfit
+        return explained(best) or near or self.search.late()
+
+    def _fit(self, one: Balanced) -> bool:
+        """Fit one force, a table then with more knots or with jumps; whether it explains nearly all."""
+        found, table = _follow_table(self.search, self.explanation, one)
+        if found is None:
+            return False
+        if table is not None and not explained(found):
+            if len(table.knots) <= KNOTS:
+                refine_table(self.search, self.explanation, table, found)
+            else:
+                place_jumps(self.search, self.explanation, table, found)
+        nominal = self.explanation.nominal
+        if one.curve is None and found.misfit < SHARED * nominal.misfit:
+            self._named_cost = min(self._named_cost, one.cost)
+        return found.misfit < NEARLY_ALL * nominal.misfit
+
+    def _one_of_two(self, one: Balanced) -> bool:
+        """Whether beside an effect that is surely there, alone or as one of two, a second one helps."""
+        if self.most < 2 or not _clear(one, self.suggested):
+            return False
+        own = [p for p in self.pairs if any(same(h, one.hypotheses[0]) for h in p.hypotheses)]
+        begin_pairs(self.search, self.explanation, own)
+        if self.explanation.best is self.explanation.nominal and not self.search.late():
+            return False
+        self.pairs = _without(self.pairs, own)
+        return True
+
+    def _named(self) -> bool:
+        """Whether no table says more than a name that explains a share: it is one of two, or all there is."""
+        best = self.explanation.best
+        named = bool(best.hypotheses) and unnamed(best.hypotheses) is None
+        return named and best.misfit < SHARED * self.explanation.nominal.misfit
+
+
+def _without(pairs: Sequence[Balanced], tried: Sequence[Balanced]) -> list[Balanced]:
+    return [pair for pair in pairs if not any(pair is one for one in tried)]
+
+
+def _clear_pairs(suggested: Suggested) -> list[Balanced]:
+    """Two effects that give what is needed clearly better than any alone, and better than a table does."""
+
+    def cheapest(some: Iterable[Balanced]) -> float:
+        return min((one.price for one in some), default=np.inf)
+
+    alone = cheapest(o for o in suggested.forces if len(o.hypotheses) == 1 and o.curve is None)
+    table = cheapest(o for o in suggested.forces if o.curve is not None)
+    best = cheapest(suggested.pairs)
+    clocked = bool(suggested.forces) and suggested.forces[0].rhythm is not None
+    if clocked or not best < min(_TOGETHER * alone, table):
+        return []
+    return [pair for pair in suggested.pairs if pair.price < _AS_CHEAP * best]
+
+
+def _clear(one: Balanced, suggested: Suggested) -> bool:
+    """Whether one effect gives nearly all that is needed, and no other one or table comes anywhere near."""
+    name = one.hypotheses[0].name
+    others = [o.cost for o in suggested.forces if all(h.name != name for h in o.hypotheses)]
+    return one.curve is None and one.cost < _CLEARLY * min([*others, suggested.lacking])
+
+
+def begin_pairs(search: Search, explanation: Explanation, pairs: Sequence[Balanced]) -> None:
+    """Fit two effects that give the torque together, where none alone is near or costs about as little.
+
+    Around impacts the motion leaves torques that nothing gives: what is right takes away little more than
+    what is not, but then it follows.
+
+    Args:
+        search: after its nominal stage.
+        explanation: added to.
+        pairs: that the balance of work suggests, the best first.
+    """
+    nominal, tried = explanation.nominal, list[set[str]]()
+    for pair in pairs:
+        names = {hypothesis.name for hypothesis in pair.hypotheses}
+        if names in tried:
+            continue
+        tried.append(names)
+        found = _follow(search, explanation, search.setting, pair)
+        if found is not None and not explained(found) and found.misfit < HALFWAY * nominal.misfit:
+            found = _other_variants(search, explanation, found)
+        nearly = found is not None and found.misfit < NEARLY_ALL * nominal.misfit
+        if explained(explanation.best) or nearly or search.late() or len(tried) == _PAIRS:
+            return
+
+
+def _other_variants(search: Search, explanation: Explanation, found: Attempt) -> Attempt:
+    """The best of effects that follow nearly with one in another variant, on their path, then on its own.
+
+    The work tells that there is friction, and hardly whether it goes with the speed.
+    """
+    best, place = found, 1
+    for i, hypothesis in enumerate(found.hypotheses):
+        after = place + len(hypothesis.unknowns)
+        for group in search.groups.values():
+            other = group[0]
+            if not same(other, hypothesis) or other.label == hypothesis.label or len(other.unknowns) > 1:
+                continue
+            held = [*found.hypotheses[:i], other, *found.hypotheses[i + 1 :]]
+            rows = np.array([[*row[:place], *other.start, *row[after:]] for row in found.fit.values])
+            one = search.refit(explanation, held, found.followers, rows, found.scale)
+            best = best if one is None or one.misfit > best.misfit else one
+        place = after
+    if explanation.best is best and not (explained(best) or search.late()):
+        begin_again(search, explanation)
+    names = [h.name for h in found.hypotheses]
+    every = [a for a in explanation.attempts if [h.name for h in a.hypotheses] == names]
+    return min([best, *every], key=lambda one: one.misfit)
+
+
+def begin_beside(search: Search, explanation: Explanation, base: Attempt) -> None:
+    """Fit a force that the balance of work names beside effects that explain a part and are not near."""
+    if base.misfit < NEARLY or any(hypothesis.fault is not None for hypothesis in base.hypotheses):
+        return
+    sizes = base.fit.values[0, 1 : base.model.shared]
+    setting = search.setting.added(base.hypotheses, sizes)
+    try:
+        suggested = suggest_forces(search, setting, search.profile.best, named=True)
+    except (InputError, np.linalg.LinAlgError):
+        return
+    new = [
+        force for force in (suggested.forces if suggested is not None else [])
+        if not any(same(one, held) for one in force.hypotheses for held in base.hypotheses)
+    ]  # fmt: skip
+    for force in new[:_BESIDE]:
+        found = _follow(search, explanation, setting, force, base.hypotheses, sizes)
+        if (found is not None and found.misfit < HALFWAY * base.misfit) or search.late():
+            return
+
+
+def _follow_table(
+    search: Search, explanation: Explanation, one: Balanced
+) -> tuple[Attempt | None, Curve | None]:
+    """Follow what the balance suggests, a table that fails with fewer knots; and with which curve.
+
+    What a few sensors hear of strong impacts is not enough for each of many knots.
+    """
+    found = _follow(search, explanation, search.setting, one)
+    if found is None and one.fewer is not None and not search.late():
+        return _follow(search, explanation, search.setting, one.fewer), one.fewer.curve
+    return found, one.curve
+
+
+def _follow(
+    search: Search,
+    explanation: Explanation,
+    setting: Setting,
+    one: Balanced,
+    held: Sequence[Hypothesis] = (),
+    sizes: Sequence[float] | np.ndarray = (),
+) -> Attempt | None:
+    """Fit what the balance of work suggests beside the nominal machine, once clearance and path go with it.
+
+    Args:
+        search: after its nominal stage.
+        explanation: added to.
+        setting: the machine that the balance was asked of.
+        one: of its suggestions.
+        held: effects that are in that machine, and fitted too.
+        sizes: of these.
+    """
+    try:
+        settled = settle_in(search, setting, one)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    shown = ", ".join(f"{value:.4g}" for value in settled.values)
+    search.report(f"  {one.label} = {shown} goes with a clearance of {settled.clearance * 1e3:.3f} mm")
+    # a moment is known least where it is largest, since it does no work there
+    insist = 2 if one.curve is not None and one.curve.body == "rod" else 1
+    with search.timed(one.rhythm):
+        return fit_from(
+            search, explanation, explanation.nominal, [*held, *one.hypotheses],
+            np.append(sizes, settled.values), settled.clearance, anew=True, insist=insist,
+        )  # fmt: skip
