@@ -130,9 +130,34 @@ def _answer(code: int, place: Path) -> tuple[str | None, dict[str, Any] | None]:
         lines = (place / _LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
         return f"exit code {code}: {lines[-1][:300] if lines else 'no output'}", None
     try:
-        content: Any = json.loads((place / _DIAGNOSIS).read_text(encoding="utf-8"))
+        text = (place / _DIAGNOSIS).read_text(encoding="utf-8")
+        content: Any = json.loads(text, parse_constant=_refuse)
     except (OSError, ValueError) as error:
         return f"no readable {_DIAGNOSIS} ({error})", None
+    wrong = _unlike_a_diagnosis(content)
+    return (f"{_DIAGNOSIS} {wrong}", None) if wrong else (None, content)
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is no number of JSON")
+
+
+def _unlike_a_diagnosis(content: Any) -> str | None:
+    """What the score could not read: found here it is one case's failure, after the reveal the trial's."""
     if not isinstance(content, dict) or "verdict" not in content:
-        return f"{_DIAGNOSIS} has no verdict", None
-    return None, content
+        return "has no verdict"
+    effects, fit, clearance = (content.get(key) for key in ("effects", "fit", "clearance"))
+    if not isinstance(fit, dict) or not isinstance(fit.get("held_out"), dict):
+        return "has no fit.held_out"
+    if not isinstance(clearance, dict) or not isinstance(clearance.get("after_m", ""), int | float | None):
+        return "has no clearance.after_m, a number or null"
+    if not isinstance(effects, list) or not all(map(_is_effect, effects)):
+        return "has no list of effects with name, kind and the value of each of their parameters"
+    return None
+
+
+def _is_effect(one: Any) -> bool:
+    if not isinstance(one, dict) or not {"name", "kind", "parameters"} <= set(one):
+        return False
+    given = one["parameters"].values() if isinstance(one["parameters"], dict) else [None]
+    return all(isinstance(p, dict) and isinstance(p.get("value"), int | float) for p in given)

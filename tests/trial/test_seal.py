@@ -29,11 +29,13 @@ from clearance.trial.examine import DIAGNOSIS, VERDICT, VERDICTS, Examiner
 from clearance.trial.plant import write_parquet
 from clearance.trial.repertoire import EFFECTS, FAULTS
 from clearance.trial.reveal import commit_verdicts, reveal
+from clearance.trial.score import score_case
 from clearance.trial.seal import TRUTH, close, digest, unlock
 from clearance.trial.simulate import simulate
 from clearance.whole_files import read_json, write_json
 from tests.command_line import call, command, environment
 from tests.trial.conftest import SCOPE, TOOL
+from tests.trial.tool import verdict
 
 
 def verdicts(trial):
@@ -240,6 +242,28 @@ def test_failures_are_recorded_and_tried_again_on_request(trial):
     trial.examine(retry=True)
     assert sorted(trial.asked()) == sorted([*(f"case_000{i}" for i in range(1, 5)), "case_0001"])
     assert read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)["failure"] is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"effects": None}, "has no list of effects"),
+        ({"effects": [{"name": "gravity", "kind": "physics"}]}, "has no list of effects"),
+        ({"effects": [{"name": "gravity", "kind": "physics", "parameters": {"gravity_y": 1.0}}]}, "value"),
+        ({"clearance": {}}, "has no clearance.after_m"),
+        ({"fit": {}}, "has no fit.held_out"),
+        ({"seconds": float("nan")}, "NaN is no number"),
+    ],
+)
+def test_an_answer_that_cannot_be_scored_is_a_failure_of_its_case(trial, changes, said):
+    """Not of the trial, after the reveal, when no other answer can be given any more."""
+    trial.answer({"case_0001": {**verdict(), **changes}})
+    trial.examine()
+    found = read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)
+    assert said in found["failure"]
+    assert found["diagnosis"] is None
+    _, cases = reveal(trial.folder, trial.sealed)
+    assert score_case(cases[0])["right"] is False
 
 
 def running(word):
