@@ -207,6 +207,18 @@ def test_a_changed_recording_is_refused(trial):
         reveal(trial.folder, trial.sealed)
 
 
+def test_a_changed_word_to_the_tool_is_refused(trial):
+    """A wrong hypothesis that is taken away, or a frame of which it was not told, would help."""
+    trial.examine()
+    path = trial.folder / "cases/case_0001" / CASE
+    told = read_json(path)
+    write_json(path, {**told, "without": ["gravity"]})
+    with pytest.raises(InputError, match=r"case_0001/case\.json is not what was to be told"):
+        reveal(trial.folder, trial.sealed)
+    write_json(path, told)
+    reveal(trial.folder, trial.sealed)
+
+
 @pytest.mark.parametrize("known_frame", [False, True])
 def test_the_tool_understands_what_it_is_told(trial, known_frame):
     """The overrides of a case compose with the diagnosis' own configuration."""
