@@ -136,6 +136,11 @@ def test_a_case_without_a_verdict_counts_as_wrong(secrets):
     assert summary["held_out_at_floor"]["of"] == 0  # of a program that knows no such error
     right = scored(FRICTION, verdict("physics", [friction()]), secrets)
     assert summarise([right, row])["held_out_at_floor"] == rate([True, False])
+    held = right["held_out"]
+    silent, partial = (
+        {**right, "held_out": {**held, **more}} for more in ({"after": None}, {"shares": {"a": 0.5}})
+    )
+    assert summarise([right, silent, partial])["held_out_at_floor"] == rate([True, False, False])
 
 
 def test_what_cannot_be_wrong_is_not_counted_as_right(secrets):
