@@ -73,7 +73,9 @@ def main(cfg: DictConfig) -> None:
             examiner = Examiner(program, [], f"{_BESIDE}/{method}", cfg.time_limit, cfg.retry)
             examiner.examine(folder, parallel, log.info, part)
     if cfg.stage in ("reveal", "loop") or (cfg.stage == "all" and part == (1, 1)):
-        log.info("verdicts committed: SHA-256 %s", commit_verdicts(folder))
+        others = [] if cfg.stage == "loop" else [f"{_BESIDE}/{method}" for method in methods]
+        for verdicts in (VERDICTS, *others):
+            log.info("%s committed: SHA-256 %s", verdicts, commit_verdicts(folder, verdicts))
         facts, cases = reveal(folder, sealed)
         if cfg.stage != "loop":
             rows = [score_case(one) for one in cases]

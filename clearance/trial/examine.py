@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from clearance.errors import InputError
 from clearance.processes import end, environment
 from clearance.trial.case import KNOWN_FRAME
 from clearance.trial.conceal import CASE, CASES, names_of
@@ -52,9 +53,17 @@ class Examiner:
             parallel: processes at a time.
             report: called with progress.
             shard: (k, n): every n-th case beginning with the k-th.
+
+        Raises:
+            InputError: if one is left after the reveal, when the truth may be known.
         """
         names = names_of(folder)[shard[0] - 1 :: shard[1]]
         left = [name for name in names if not self._done(folder / self.verdicts / name)]
+        if left and hashes_of(folder, self.verdicts).exists():
+            raise InputError(
+                f"{folder / self.verdicts / left[0]} would be asked again after the reveal; set "
+                "retry=false, or choose another folder"
+            )
         report(f"{len(names) - len(left)} of {len(names)} cases have a verdict")
         running, stopped = set[subprocess.Popen[bytes]](), threading.Event()
         pool = ThreadPoolExecutor(parallel)
@@ -122,6 +131,11 @@ class Examiner:
             {"seconds": seconds, "failure": failure, "diagnosis": diagnosis, "corrected": corrected},
         )
         report(f"{name}: {diagnosis['verdict'] if diagnosis else failure} ({seconds:.0f} s)")
+
+
+def hashes_of(folder: Path, verdicts: str) -> Path:
+    """Where the hash of all verdicts of one program lies from the reveal on."""
+    return folder / f"{verdicts}.json"
 
 
 def _answer(code: int, place: Path) -> tuple[str | None, dict[str, Any] | None]:

@@ -8,7 +8,7 @@ from typing import Any
 from clearance.errors import InputError
 from clearance.trial.case import Case
 from clearance.trial.conceal import CASE, CASES, COMMITMENT, names_of
-from clearance.trial.examine import VERDICT, VERDICTS
+from clearance.trial.examine import VERDICT, VERDICTS, hashes_of
 from clearance.trial.seal import digest, open_seal
 from clearance.whole_files import read_json, write_json
 
@@ -48,12 +48,12 @@ def commit_verdicts(folder: Path, verdicts: str = VERDICTS) -> str:
     missing = [name for name in names if not (folder / verdicts / name / VERDICT).exists()]
     if missing:
         raise InputError(
-            f"{folder}: {len(missing)} of {len(names)} cases have no verdict yet ({missing[0]} first); "
-            f"in {verdicts}; the seal stays closed; run stage=diagnose"
+            f"{folder / verdicts}: {len(missing)} of {len(names)} cases have no verdict yet ({missing[0]} "
+            f"first); nothing is revealed; run stage={'diagnose' if verdicts == VERDICTS else 'baselines'}"
         )
     hashes = {name: digest((folder / verdicts / name / VERDICT).read_bytes()) for name in names}
     total = digest(json.dumps(hashes, sort_keys=True).encode())
-    path = folder / f"{verdicts}.json"
+    path = hashes_of(folder, verdicts)
     if path.exists():
         stored = read_json(path, "folder")
         changed = [name for name in names if stored["cases"].get(name) != hashes[name]]

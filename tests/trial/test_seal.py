@@ -257,6 +257,16 @@ def test_failures_are_recorded_and_tried_again_on_request(trial):
     assert read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)["failure"] is None
 
 
+def test_what_failed_is_not_tried_again_after_the_reveal(trial):
+    trial.answer({"case_0001": "fail"})
+    trial.examine()
+    reveal(trial.folder, trial.sealed)
+    trial.examine()  # nothing is left to be asked
+    with pytest.raises(InputError, match=r"case_0001 would be asked again after the reveal; set retry=false"):
+        trial.examine(retry=True)
+    reveal(trial.folder, trial.sealed)
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
