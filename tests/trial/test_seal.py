@@ -341,6 +341,10 @@ def test_killed_and_resumed_nothing_is_asked_twice(trial, how):
         ("scope.shares.nothing=1", "Could not override 'scope.shares.nothing'"),
         ("stage=reveal", "no concealed cases"),
         ("baselines=[guess]", "baselines: 'guess' is unknown; choose from trajectory, sparse, two_sample"),
+        ("baselines=sparse", "baselines = 'sparse' is no list of words"),
+        ("program=python", "program = 'python' is no list of words"),
+        ("arguments=[5]", r"arguments = \[5\] is no list of words"),
+        ("retry=perhaps", "retry = 'perhaps' is neither true nor false; change retry"),
         ("stage=loop", "choose experiment=closed_loop, or set loop"),
         ("arguments=[time_limit=400]", "a value with = needs quotes"),
         ("pictures=a.png", "pictures = a.png: is a file; set pictures to a folder"),
@@ -354,4 +358,15 @@ def test_a_wrong_input_is_one_line(monkeypatch, capfd, tmp_path, override, words
     code, error = call(monkeypatch, capfd, "trial.__main__", override, "hydra.run.dir=run")
     assert code == 2
     assert re.fullmatch(f"error: .*{words}.*\n", error), error
+    assert not (tmp_path / "outputs").exists()
+
+
+def test_baselines_that_would_fail_on_every_case_are_refused_before_it_is_concealed(
+    monkeypatch, capfd, tmp_path
+):
+    monkeypatch.chdir(tmp_path)
+    overrides = ("experiment=trial_sensors", "baselines=[trajectory]", "hydra.run.dir=run")
+    code, error = call(monkeypatch, capfd, "trial.__main__", *overrides)
+    assert code == 2
+    assert "baselines = ['trajectory']: they know nothing of sensors within tolerances" in error
     assert not (tmp_path / "outputs").exists()
