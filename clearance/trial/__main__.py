@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hydra.utils import instantiate
-from omegaconf import DictConfig
+from omegaconf import DictConfig, ListConfig
 
 from clearance.commands import command, shard
 from clearance.errors import InputError
@@ -39,17 +39,9 @@ _PUBLISHED = "trial-*.json"
 @command("trial")
 def main(cfg: DictConfig) -> None:
     """Conceal, diagnose, reveal, score; with baselines and the loop if asked; or one of these stages."""
-    if cfg.stage not in ("all", *STAGES):
-        raise InputError(f"stage = {cfg.stage!r} is unknown; choose from all, {', '.join(STAGES)}")
-    for name in ("parallel", "time_limit"):
-        if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or cfg[name] < 1:
-            raise InputError(f"{name} = {cfg[name]!r} is not a whole number, 1 or more; change {name}")
-    if cfg.seed is not None and (isinstance(cfg.seed, bool) or not isinstance(cfg.seed, int) or cfg.seed < 0):
-        raise InputError(f"seed = {cfg.seed!r} is not a whole number, 0 or more, or null; change seed")
-    _check_history(cfg.history, cfg.results)
-    if cfg.pictures is not None and Path(cfg.pictures).is_file():
-        raise InputError(f"pictures = {cfg.pictures}: is a file; set pictures to a folder")
-    methods = _methods(cfg.baselines)
+    _check(cfg)
+    program, arguments = _words(cfg, "program"), _words(cfg, "arguments")
+    methods = _methods(_words(cfg, "baselines"))
     part = shard(cfg.shard)
     folder, sealed, parallel = Path(cfg.folder), Path(cfg.sealed), int(cfg.parallel)
     scope, loop = instantiate(cfg.scope, _convert_="all"), instantiate(cfg.loop, _convert_="all")
@@ -59,21 +51,27 @@ def main(cfg: DictConfig) -> None:
         )
     if loop is not None:
         loop.check(scope)
+    if methods and scope.tolerances:
+        raise InputError(
+            f"baselines = {methods}: they know nothing of sensors within tolerances; set baselines=[], or "
+            "leave these out: ~scope.tolerances"
+        )
     if cfg.stage in ("all", "conceal"):
         published = conceal(scope, cfg.seed, folder, sealed, parallel, log.info)
         log.info("%d cases concealed; commitment SHA-256 %s", scope.cases, published["sha256"])
     if cfg.stage in ("all", "diagnose"):
-        program = list(cfg.program or DIAGNOSIS)
-        examiner = Examiner(program, list(cfg.arguments), VERDICTS, cfg.time_limit, cfg.retry)
+        examiner = Examiner(program or DIAGNOSIS, arguments, VERDICTS, cfg.time_limit, cfg.retry)
         examiner.examine(folder, parallel, log.info, part)
     if cfg.stage in ("all", "baselines"):
         for method in methods:
             log.info("baseline: %s", BASELINES[method])
-            program = [sys.executable, "-m", "clearance.trial.baselines", f"method={method}"]
-            examiner = Examiner(program, [], f"{_BESIDE}/{method}", cfg.time_limit, cfg.retry)
+            judge = [sys.executable, "-m", "clearance.trial.baselines", f"method={method}"]
+            examiner = Examiner(judge, [], f"{_BESIDE}/{method}", cfg.time_limit, cfg.retry)
             examiner.examine(folder, parallel, log.info, part)
     if cfg.stage in ("reveal", "loop") or (cfg.stage == "all" and part == (1, 1)):
-        log.info("verdicts committed: SHA-256 %s", commit_verdicts(folder))
+        others = [] if cfg.stage == "loop" else [f"{_BESIDE}/{method}" for method in methods]
+        for verdicts in (VERDICTS, *others):
+            log.info("%s committed: SHA-256 %s", verdicts, commit_verdicts(folder, verdicts))
         facts, cases = reveal(folder, sealed)
         if cfg.stage != "loop":
             rows = [score_case(one) for one in cases]
@@ -90,6 +88,22 @@ def main(cfg: DictConfig) -> None:
             closed = close_loop(cases, folder, loop, parallel, log.info)
             _publish(*_write_loop(folder, facts, closed), "loop", cfg.results, cfg.readme)
         log.info("written to %s", folder)
+
+
+def _check(cfg: DictConfig) -> None:
+    """What is wrong is said before anything is begun."""
+    if cfg.stage not in ("all", *STAGES):
+        raise InputError(f"stage = {cfg.stage!r} is unknown; choose from all, {', '.join(STAGES)}")
+    for name in ("parallel", "time_limit"):
+        if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or cfg[name] < 1:
+            raise InputError(f"{name} = {cfg[name]!r} is not a whole number, 1 or more; change {name}")
+    if cfg.seed is not None and (isinstance(cfg.seed, bool) or not isinstance(cfg.seed, int) or cfg.seed < 0):
+        raise InputError(f"seed = {cfg.seed!r} is not a whole number, 0 or more, or null; change seed")
+    if not isinstance(cfg.retry, bool):
+        raise InputError(f"retry = {cfg.retry!r} is neither true nor false; change retry")
+    _check_history(cfg.history, cfg.results)
+    if cfg.pictures is not None and Path(cfg.pictures).is_file():
+        raise InputError(f"pictures = {cfg.pictures}: is a file; set pictures to a folder")
 
 
 def _write(
@@ -115,8 +129,17 @@ def _write(
     return summary, text
 
 
-def _methods(given: Any) -> list[str]:
-    methods = [str(one) for one in given]
+def _words(cfg: DictConfig, name: str) -> list[str]:
+    """The words that a key lists; none where it is null."""
+    given = cfg[name]
+    if given is None:
+        return []
+    if not isinstance(given, ListConfig) or not all(isinstance(one, str) for one in given):
+        raise InputError(f"{name} = {given!r} is no list of words; write '{name}=[word, \"5\"]'")
+    return [str(one) for one in given]
+
+
+def _methods(methods: list[str]) -> list[str]:
     unknown = [one for one in methods if one not in BASELINES]
     if unknown:
         raise InputError(f"baselines: {unknown[0]!r} is unknown; choose from {', '.join(BASELINES)}")

@@ -72,7 +72,11 @@ def chart(plant: Plant, state: FloatArray) -> FloatArray:
 
 
 def instant_of(plant: Plant, time: float, z: FloatArray, memory: FloatArray) -> Instant:
-    """The plant's instant at coordinates (SIZE,); those that it does not have count as 0."""
+    """The plant's instant at coordinates (SIZE,); those that it does not have count as 0.
+
+    Raises:
+        FloatingPointError: if the plant's rod is too short for them.
+    """
     p, n = plant.parameters(), len(Z)
     known = np.zeros(SIZE)
     for coordinate in free(plant):
@@ -90,6 +94,8 @@ def instant_of(plant: Plant, time: float, z: FloatArray, memory: FloatArray) -> 
     height = np.array([known[Z.HEIGHT] + p[P.OFFSET], known[n + Z.HEIGHT]]) + frame[:, 1]
     rise = height + gap_c[:, 1] - rod_b[:, 1]
     length = p[P.ROD_TO_C] - p[P.ROD_TO_B]
+    if not abs(rise[0]) < length:
+        raise FloatingPointError(f"a rod of {length:g} m cannot rise by {rise[0]:g} m")
     angle = asin(rise[0] / length)
     rod = _arm(angle, rise[1] / (length * cos(angle)))
     rod_c = rod_b + length * rod

@@ -22,26 +22,32 @@ def left_over(case: Case, secrets: Mapping[str, Any], diagnosis: Mapping[str, An
     """What the verdict leaves unexplained, over the detection threshold; state and speed are refitted.
 
     Instruments' faults that the verdict names are taken as right. ``None`` where the verdict describes no
-    machine: a force in free form, or numbers that no machine can have.
+    machine: a force in free form, no clearance, or numbers that no machine can have or run with.
     """
-    if diagnosis["verdict"] == "unknown":
+    found = diagnosis["clearance"]["after_m"]
+    if diagnosis["verdict"] == "unknown" or found is None:
         return None
     try:
         claimed = [_claimed(case, plant, diagnosis) for plant in map(case.plant, case.sessions)]
-        scenes = scenes_of(secrets)
-        found = float(diagnosis["clearance"]["after_m"])
-        moved = [_with_clearance(scene, case.joint, case.clearance, found) for scene in scenes]
+    except (ValueError, ArithmeticError):  # a root of a negative stiffness, a square beyond all numbers
+        return None
+    moved = [_with_clearance(scene, case.joint, case.clearance, found) for scene in scenes_of(secrets)]
+    true = responses_of(case, secrets)
+    try:
         changes = [
-            true - response(claimed[scene.session], scene)
-            for true, scene in zip(responses_of(case, secrets), moved, strict=True)
+            one - response(claimed[scene.session], scene) for one, scene in zip(true, moved, strict=True)
         ]
         return unexplained(moved, changes, claimed, np.array(secrets["spread"]), clearance=False)
-    except (ArithmeticError, KeyError, TypeError, ValueError):
+    except FloatingPointError:  # the machine flies apart, or does not reach from A to its guide
         return None
 
 
 def _claimed(case: Case, true: Plant, diagnosis: Mapping[str, Any]) -> Plant:
-    """The plant that a verdict describes, at the true speed."""
+    """The plant that a verdict describes, at the true speed.
+
+    Raises:
+        ValueError: if there is no such plant; or an ``ArithmeticError``.
+    """
     effects: dict[str, Mapping[str, float]] = {
         one["name"]: plant_values(
             one["name"], {key: p["value"] for key, p in one["parameters"].items()}, true.speed_rpm

@@ -126,7 +126,8 @@ def _make(
         temporary.replace(path)
         hashes[str(path.relative_to(folder))] = digest(path.read_bytes())
     write_json(place / CASE, case.public())
-    os.utime(place / CASE, (0, 0))
+    for one in (place / CASE, place):
+        os.utime(one, (0, 0))
     part = {"truth": case.to_json(), "secrets": simulated.secrets, "recordings": hashes}
     write_private(private, part)
     report(f"{case.name} of {drawing.scope.cases} concealed")

@@ -1,6 +1,6 @@
 """Cases drawn from a seed: circumstances first, then, from another stream, what is missing."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import pi
@@ -14,7 +14,7 @@ from clearance.trial.repertoire import EFFECTS, FAULTS, FORCES, LEFT_OUT, SENSOR
 
 Generator = np.random.Generator
 _JITTER = 0.15  # a size is drawn within this share of the repertoire's, so that none is a round number
-_DECOY = 0.15  # of the cases with all their hypotheses needed lose another one: losing one tells nothing
+_DECOY = 0.15  # of the cases with all their hypotheses needed lose another one: losing one tells little
 OFF = {"gain": 0.2, "misalignment": 15.0, "delay": 1e-3, "bias": 100.0}
 """What an accelerometer may do within its tolerance, and the largest one: [-], deg, s, m/s²."""
 _USUAL = tuple(kind for kind in KINDS if kind != "beam")  # a beam needs Exudyn
@@ -66,12 +66,15 @@ class Scope:
                 )
         for name, allowed in (("shares", KINDS), ("sensors", tuple(SENSORS))):
             given = getattr(self, name)
-            wrong = [key for key in given if key not in allowed]
+            by_name = isinstance(given, Mapping)
+            wrong = [key for key in given if key not in allowed] if by_name else []
             if wrong:
-                raise InputError(f"{name}.{wrong[0]} is unknown; choose from {', '.join(allowed)}")
-            if min(given.values(), default=-1.0) < 0.0 or sum(given.values()) <= 0.0:
                 raise InputError(
-                    f"{name} = {dict(given)} must be shares of at least 0, not all 0; change scope.{name}"
+                    f"{name}.{wrong[0]} is unknown; choose from {', '.join(allowed)}; change scope.{name}"
+                )
+            if not by_name or not _are_shares(given.values()):
+                raise InputError(
+                    f"{name} = {given} must be shares of at least 0, not all 0; change scope.{name}"
                 )
         every = (*EFFECTS, *FAULTS, *FORCES)
         for name, choices in (("items", every), ("sizes", (0, 1, 2))):
@@ -83,30 +86,52 @@ class Scope:
                     f"{name}: {wrong[0]!r} is unknown; list some of {', '.join(map(str, choices))}; change "
                     f"scope.{name}"
                 )
+        if not isinstance(self.tolerances, Mapping):
+            raise InputError(
+                f"tolerances = {self.tolerances!r}: give limits by name, or {{}}; change scope.tolerances"
+            )
         for name, tolerance in self.tolerances.items():
-            number = isinstance(tolerance, int | float) and not isinstance(tolerance, bool)
-            if name not in OFF or not number or not 0.0 < tolerance <= OFF[name]:
+            if name not in OFF or not _is_number(tolerance) or not 0.0 < tolerance <= OFF[name]:
                 allowed_ones = ", ".join(f"{one} up to {most:g}" for one, most in OFF.items())
                 raise InputError(
                     f"tolerances.{name} = {tolerance!r}: above 0, choose from {allowed_ones}; change "
                     "scope.tolerances"
                 )
-        uneven = [one for one in self.noise if len(one) != 2 or not (0.0 <= one[0] < 1.0 and one[1] >= 0.0)]
-        if uneven or sum(share for _, share in self.noise) <= 0.0:
+        levels = [one for one in _listed(self.noise) if _are_numbers(one, 2) and 0.0 <= one[0] < 1.0]
+        if len(levels) != len(_listed(self.noise)) or not _are_shares([share for _, share in levels]):
             raise InputError(
-                f"noise = {[list(one) for one in self.noise]} must be pairs of a level in [0, 1) and a share "
-                "of at least 0, not all 0; change scope.noise"
+                f"noise = {self.noise} must be pairs of a level in [0, 1) and a share of at least 0, not all "
+                "0; change scope.noise"
             )
         for name in ("encoder", "known_frame"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise InputError(f"{name} = {getattr(self, name)} is no share in [0, 1]; change scope.{name}")
+            value = getattr(self, name)
+            if not _is_number(value) or not 0.0 <= value <= 1.0:
+                raise InputError(f"{name} = {value!r} is no share in [0, 1]; change scope.{name}")
         limits = (("clearance_range", 1e-6, 2e-3), ("speed_range", 100.0, 3000.0), ("seconds", 0.2, 60.0))
         for name, low, high in limits:
             given = getattr(self, name)
-            if len(given) != 2 or not low <= given[0] <= given[1] <= high:
+            if not _are_numbers(given, 2) or not low <= given[0] <= given[1] <= high:
                 raise InputError(
-                    f"{name} = {list(given)} is not a rising pair in [{low:g}, {high:g}]; change scope.{name}"
+                    f"{name} = {given} is not a rising pair in [{low:g}, {high:g}]; change scope.{name}"
                 )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _listed(value: Any) -> Sequence[Any]:
+    """A list as it is; of anything else one entry, which is none of what a list may have."""
+    return value if isinstance(value, list | tuple) else [value]
+
+
+def _are_numbers(given: Any, count: int) -> bool:
+    return isinstance(given, list | tuple) and len(given) == count and all(map(_is_number, given))
+
+
+def _are_shares(given: Collection[Any]) -> bool:
+    """Whether these are numbers of at least 0, and not all 0."""
+    return all(_is_number(one) and one >= 0.0 for one in given) and sum(given) > 0.0
 
 
 class Drawing:

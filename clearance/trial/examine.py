@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from clearance.errors import InputError
 from clearance.processes import end, environment
 from clearance.trial.case import KNOWN_FRAME
 from clearance.trial.conceal import CASE, CASES, names_of
@@ -52,9 +53,17 @@ class Examiner:
             parallel: processes at a time.
             report: called with progress.
             shard: (k, n): every n-th case beginning with the k-th.
+
+        Raises:
+            InputError: if one is left after the reveal, when the truth may be known.
         """
         names = names_of(folder)[shard[0] - 1 :: shard[1]]
         left = [name for name in names if not self._done(folder / self.verdicts / name)]
+        if left and hashes_of(folder, self.verdicts).exists():
+            raise InputError(
+                f"{folder / self.verdicts / left[0]} would be asked again after the reveal; set "
+                "retry=false, or choose another folder"
+            )
         report(f"{len(names) - len(left)} of {len(names)} cases have a verdict")
         running, stopped = set[subprocess.Popen[bytes]](), threading.Event()
         pool = ThreadPoolExecutor(parallel)
@@ -124,15 +133,45 @@ class Examiner:
         report(f"{name}: {diagnosis['verdict'] if diagnosis else failure} ({seconds:.0f} s)")
 
 
+def hashes_of(folder: Path, verdicts: str) -> Path:
+    """Where the hash of all verdicts of one program lies from the reveal on."""
+    return folder / f"{verdicts}.json"
+
+
 def _answer(code: int, place: Path) -> tuple[str | None, dict[str, Any] | None]:
     """Why there is no diagnosis, or ``None``; the diagnosis, or ``None``."""
     if code != 0:
         lines = (place / _LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
         return f"exit code {code}: {lines[-1][:300] if lines else 'no output'}", None
     try:
-        content: Any = json.loads((place / _DIAGNOSIS).read_text(encoding="utf-8"))
+        text = (place / _DIAGNOSIS).read_text(encoding="utf-8")
+        content: Any = json.loads(text, parse_constant=_refuse)
     except (OSError, ValueError) as error:
         return f"no readable {_DIAGNOSIS} ({error})", None
+    wrong = _unlike_a_diagnosis(content)
+    return (f"{_DIAGNOSIS} {wrong}", None) if wrong else (None, content)
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is no number of JSON")
+
+
+def _unlike_a_diagnosis(content: Any) -> str | None:
+    """What the score could not read: found here it is one case's failure, after the reveal the trial's."""
     if not isinstance(content, dict) or "verdict" not in content:
-        return f"{_DIAGNOSIS} has no verdict", None
-    return None, content
+        return "has no verdict"
+    effects, fit, clearance = (content.get(key) for key in ("effects", "fit", "clearance"))
+    if not isinstance(fit, dict) or not isinstance(fit.get("held_out"), dict):
+        return "has no fit.held_out"
+    if not isinstance(clearance, dict) or not isinstance(clearance.get("after_m", ""), int | float | None):
+        return "has no clearance.after_m, a number or null"
+    if not isinstance(effects, list) or not all(map(_is_effect, effects)):
+        return "has no list of effects with name, kind and the value of each of their parameters"
+    return None
+
+
+def _is_effect(one: Any) -> bool:
+    if not isinstance(one, dict) or not {"name", "kind", "parameters"} <= set(one):
+        return False
+    given = one["parameters"].values() if isinstance(one["parameters"], dict) else [None]
+    return all(isinstance(p, dict) and isinstance(p.get("value"), int | float) for p in given)

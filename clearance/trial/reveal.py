@@ -7,8 +7,8 @@ from typing import Any
 
 from clearance.errors import InputError
 from clearance.trial.case import Case
-from clearance.trial.conceal import COMMITMENT, names_of
-from clearance.trial.examine import VERDICT, VERDICTS
+from clearance.trial.conceal import CASE, CASES, COMMITMENT, names_of
+from clearance.trial.examine import VERDICT, VERDICTS, hashes_of
 from clearance.trial.seal import digest, open_seal
 from clearance.whole_files import read_json, write_json
 
@@ -48,12 +48,12 @@ def commit_verdicts(folder: Path, verdicts: str = VERDICTS) -> str:
     missing = [name for name in names if not (folder / verdicts / name / VERDICT).exists()]
     if missing:
         raise InputError(
-            f"{folder}: {len(missing)} of {len(names)} cases have no verdict yet ({missing[0]} first); "
-            f"in {verdicts}; the seal stays closed; run stage=diagnose"
+            f"{folder / verdicts}: {len(missing)} of {len(names)} cases have no verdict yet ({missing[0]} "
+            f"first); nothing is revealed; run stage={'diagnose' if verdicts == VERDICTS else 'baselines'}"
         )
     hashes = {name: digest((folder / verdicts / name / VERDICT).read_bytes()) for name in names}
     total = digest(json.dumps(hashes, sort_keys=True).encode())
-    path = folder / f"{verdicts}.json"
+    path = hashes_of(folder, verdicts)
     if path.exists():
         stored = read_json(path, "folder")
         changed = [name for name in names if stored["cases"].get(name) != hashes[name]]
@@ -85,13 +85,24 @@ def reveal(folder: Path, sealed: Path, verdicts: str = VERDICTS) -> tuple[dict[s
     published = read_json(folder / COMMITMENT, "folder")
     truth = open_seal(sealed, published["sha256"])
     for part in truth["cases"]:
-        for name, sha in part["recordings"].items():
-            if digest((folder / name).read_bytes()) != sha or published["recordings"].get(name) != sha:
-                raise InputError(
-                    f"{folder / name} is not the recording that was concealed; nothing is scored"
-                )
+        _refuse_changed(folder, part, published["recordings"])
     cases = [_revealed(folder / verdicts, part) for part in truth["cases"]]
     return {"seed": truth["seed"], "commitment": published["sha256"], "verdicts": hashed}, cases
+
+
+def _refuse_changed(folder: Path, part: dict[str, Any], published: dict[str, str]) -> None:
+    """Refuse a case whose recordings, or what the tool is told besides, are not as they were concealed.
+
+    Raises:
+        InputError: if something was changed, with the file.
+    """
+    for name, sha in part["recordings"].items():
+        if digest((folder / name).read_bytes()) != sha or published.get(name) != sha:
+            raise InputError(f"{folder / name} is not the recording that was concealed; nothing is scored")
+    case = Case.from_json(part["truth"])
+    told = folder / CASES / case.name / CASE
+    if read_json(told, "folder") != case.public():
+        raise InputError(f"{told} is not what was to be told of the case; nothing is scored")
 
 
 def _revealed(verdicts: Path, part: dict[str, Any]) -> Revealed:

@@ -93,11 +93,8 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         ),
         "held_out_before": quantiles([one["before"] / one["floor"] for one in held if one.get("before")]),
         "held_out_after": quantiles([one["after"] / one["floor"] for one in held]),
-        # of what could be followed in part alone nobody knows the rest
-        "held_out_at_floor": rate(
-            [one["after"] <= 1.1 * one["floor"] and not one.get("shares") for one in held]
-            + [False] * (len(rows) - len(said) if held else 0)
-        ),
+        # every case counts, where the program knows such an error at all
+        "held_out_at_floor": rate([_at_floor(row) for row in rows] if held else []),
         "claims_borne_out": rate(
             [row["left_over"] is not None and row["left_over"] <= 1.0 for row in claims]
         ),
@@ -124,8 +121,13 @@ def _true(row: Row, key: str) -> bool:
 
 def _claims(row: Row) -> bool:
     """Whether a verdict says that its machine is as good as a perfect one."""
-    held = row["held_out"]
+    held = row.get("held_out") or {}
     return held.get("after") is not None and held["after"] <= 1.1 * held["floor"]
+
+
+def _at_floor(row: Row) -> bool:
+    """Whether it says so of whole recordings: of one that is followed in part nobody knows the rest."""
+    return _claims(row) and not row["held_out"].get("shares")
 
 
 def _power(rows: Sequence[Row]) -> list[dict[str, Any]]:

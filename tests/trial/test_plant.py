@@ -125,7 +125,8 @@ EFFECTS = {
         {"mass_ratio": 1.2, "inertia_ratio": 1.1, "com_shift": 0.006},
         {}, {"rod": Link(0.21 * 1.2, 2.5e-4 * 1.1, 0.12, 0.55)}),
     "rod_flexibility": (
-        {"frequency": 600.0, "damping": 0.02, "second_order": 0.0}, {}, {"link": FlexibleRod(600.0, 0.02)}),
+        {"frequency": 600.0, "damping_ratio": 0.02, "second_order": 0.0},
+        {}, {"link": FlexibleRod(600.0, 0.02)}),
     "torque_ripple": (
         {"amplitude": 0.2, "order": 5, "phase": 0.3}, {}, {"ripple": TorqueRipple(0.2, 5.0, 0.3)}),
     "soft_drive": (
@@ -317,6 +318,7 @@ def test_faults_of_the_instruments():
         lambda: Plant(joint="D"),
         lambda: Plant(effects={"rust": {}}),
         lambda: Plant(effects={"gravity": {"gravity_z": 1.0}}),
+        lambda: Plant(effects={"rod_flexibility": {"damping": 0.02}}),  # its name is damping_ratio
         lambda: Plant(joint="both", effects={"second_clearance": {}}),
         lambda: Plant(clearance=(1e-4, 2e-4)),
         lambda: Plant(step=3e-6).run(1e-3),

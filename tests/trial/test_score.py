@@ -10,7 +10,7 @@ import pytest
 from clearance.evaluation.results import marks
 from clearance.trial import pictures
 from clearance.trial.case import Case, Session
-from clearance.trial.claim import correlation
+from clearance.trial.claim import correlation, left_over
 from clearance.trial.reveal import Revealed, reveal
 from clearance.trial.score import parameters, score_case
 from clearance.trial.simulate import simulate
@@ -136,6 +136,11 @@ def test_a_case_without_a_verdict_counts_as_wrong(secrets):
     assert summary["held_out_at_floor"]["of"] == 0  # of a program that knows no such error
     right = scored(FRICTION, verdict("physics", [friction()]), secrets)
     assert summarise([right, row])["held_out_at_floor"] == rate([True, False])
+    held = right["held_out"]
+    silent, partial = (
+        {**right, "held_out": {**held, **more}} for more in ({"after": None}, {"shares": {"a": 0.5}})
+    )
+    assert summarise([right, silent, partial])["held_out_at_floor"] == rate([True, False, False])
 
 
 def test_what_cannot_be_wrong_is_not_counted_as_right(secrets):
@@ -146,6 +151,32 @@ def test_what_cannot_be_wrong_is_not_counted_as_right(secrets):
     assert all(one["parameter"] != "order" for one in row["parameters"])
     assert row["left_over"] is None
     assert summarise([row])["claims_borne_out"] == rate([False])
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "value"),
+    [
+        ("rust", "depth", 1.0),  # no effect of the plant
+        ("guide_friction", "depth", 1.0),  # no parameter of it
+        ("contact_stiffness", "stiffness_scale", 1e308),  # flies apart
+        ("slider_offset", "offset", 0.2),  # the rod does not reach the guide
+        ("rod_flexibility", "frequency", 1e200),  # its square is beyond all numbers
+    ],
+)
+def test_a_machine_that_cannot_be_is_no_claim_that_is_borne_out(secrets, name, parameter, value):
+    effect = {"name": name, "kind": "physics", "parameters": {parameter: {"value": value}}}
+    assert left_over(FRICTION, secrets, verdict("physics", [effect])) is None
+
+
+def test_an_error_of_the_scorer_is_not_taken_for_a_wrong_claim(secrets):
+    """What the scorer cannot read is no machine that cannot run."""
+    for key in ("spread", "scenes"):
+        damaged = {name: value for name, value in secrets.items() if name != key}
+        with pytest.raises(KeyError):
+            left_over(FRICTION, damaged, verdict("physics", [friction()]))
+    fewer = {**secrets, "responses": [[[0.0] * 10] * 50]}  # than there are scenes
+    with pytest.raises(ValueError, match="longer"):
+        left_over(FRICTION, fewer, verdict("physics", [friction()]))
 
 
 @pytest.mark.parametrize(("said", "covered"), [(3.0, []), (2.0, [False])])

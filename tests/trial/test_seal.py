@@ -29,11 +29,13 @@ from clearance.trial.examine import DIAGNOSIS, VERDICT, VERDICTS, Examiner
 from clearance.trial.plant import write_parquet
 from clearance.trial.repertoire import EFFECTS, FAULTS
 from clearance.trial.reveal import commit_verdicts, reveal
+from clearance.trial.score import score_case
 from clearance.trial.seal import TRUTH, close, digest, unlock
 from clearance.trial.simulate import simulate
 from clearance.whole_files import read_json, write_json
 from tests.command_line import call, command, environment
 from tests.trial.conftest import SCOPE, TOOL
+from tests.trial.tool import verdict
 
 
 def verdicts(trial):
@@ -98,6 +100,8 @@ def test_files_tell_their_shape_and_nothing_else(trial):
     """Of the same shape: the same size to the byte, whatever is in it; no metadata, no time."""
     words = [*EFFECTS, *FAULTS, "seed", "visibility"]
     told = {one for case in trial.truth()["cases"] for one in case["truth"]["without"]}
+    for path in trial.folder.glob("cases/*"):
+        assert [one.stat().st_mtime for one in (path, *path.iterdir())] == [0, 0, 0]
     for path in trial.folder.rglob("*"):
         if path.is_file():
             assert not [w for w in words if w not in told and w.encode() in path.read_bytes()], path
@@ -105,7 +109,6 @@ def test_files_tell_their_shape_and_nothing_else(trial):
     for path in trial.folder.glob("cases/*/*.parquet"):
         table = pq.read_table(path)
         assert table.schema.metadata is None
-        assert path.stat().st_mtime == 0
         assert path.name == "1.parquet"
         sizes.setdefault((table.num_rows, table.num_columns), set()).add(path.stat().st_size)
         assert read(path).rate == pytest.approx(10_000.0)
@@ -205,6 +208,18 @@ def test_a_changed_recording_is_refused(trial):
         reveal(trial.folder, trial.sealed)
 
 
+def test_a_changed_word_to_the_tool_is_refused(trial):
+    """A wrong hypothesis that is taken away, or a frame of which it was not told, would help."""
+    trial.examine()
+    path = trial.folder / "cases/case_0001" / CASE
+    told = read_json(path)
+    write_json(path, {**told, "without": ["gravity"]})
+    with pytest.raises(InputError, match=r"case_0001/case\.json is not what was to be told"):
+        reveal(trial.folder, trial.sealed)
+    write_json(path, told)
+    reveal(trial.folder, trial.sealed)
+
+
 @pytest.mark.parametrize("known_frame", [False, True])
 def test_the_tool_understands_what_it_is_told(trial, known_frame):
     """The overrides of a case compose with the diagnosis' own configuration."""
@@ -240,6 +255,38 @@ def test_failures_are_recorded_and_tried_again_on_request(trial):
     trial.examine(retry=True)
     assert sorted(trial.asked()) == sorted([*(f"case_000{i}" for i in range(1, 5)), "case_0001"])
     assert read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)["failure"] is None
+
+
+def test_what_failed_is_not_tried_again_after_the_reveal(trial):
+    trial.answer({"case_0001": "fail"})
+    trial.examine()
+    reveal(trial.folder, trial.sealed)
+    trial.examine()  # nothing is left to be asked
+    with pytest.raises(InputError, match=r"case_0001 would be asked again after the reveal; set retry=false"):
+        trial.examine(retry=True)
+    reveal(trial.folder, trial.sealed)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"effects": None}, "has no list of effects"),
+        ({"effects": [{"name": "gravity", "kind": "physics"}]}, "has no list of effects"),
+        ({"effects": [{"name": "gravity", "kind": "physics", "parameters": {"gravity_y": 1.0}}]}, "value"),
+        ({"clearance": {}}, "has no clearance.after_m"),
+        ({"fit": {}}, "has no fit.held_out"),
+        ({"seconds": float("nan")}, "NaN is no number"),
+    ],
+)
+def test_an_answer_that_cannot_be_scored_is_a_failure_of_its_case(trial, changes, said):
+    """Not of the trial, after the reveal, when no other answer can be given any more."""
+    trial.answer({"case_0001": {**verdict(), **changes}})
+    trial.examine()
+    found = read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)
+    assert said in found["failure"]
+    assert found["diagnosis"] is None
+    _, cases = reveal(trial.folder, trial.sealed)
+    assert score_case(cases[0])["right"] is False
 
 
 def running(word):
@@ -294,6 +341,10 @@ def test_killed_and_resumed_nothing_is_asked_twice(trial, how):
         ("scope.shares.nothing=1", "Could not override 'scope.shares.nothing'"),
         ("stage=reveal", "no concealed cases"),
         ("baselines=[guess]", "baselines: 'guess' is unknown; choose from trajectory, sparse, two_sample"),
+        ("baselines=sparse", "baselines = 'sparse' is no list of words"),
+        ("program=python", "program = 'python' is no list of words"),
+        ("arguments=[5]", r"arguments = \[5\] is no list of words"),
+        ("retry=perhaps", "retry = 'perhaps' is neither true nor false; change retry"),
         ("stage=loop", "choose experiment=closed_loop, or set loop"),
         ("arguments=[time_limit=400]", "a value with = needs quotes"),
         ("pictures=a.png", "pictures = a.png: is a file; set pictures to a folder"),
@@ -307,4 +358,15 @@ def test_a_wrong_input_is_one_line(monkeypatch, capfd, tmp_path, override, words
     code, error = call(monkeypatch, capfd, "trial.__main__", override, "hydra.run.dir=run")
     assert code == 2
     assert re.fullmatch(f"error: .*{words}.*\n", error), error
+    assert not (tmp_path / "outputs").exists()
+
+
+def test_baselines_that_would_fail_on_every_case_are_refused_before_it_is_concealed(
+    monkeypatch, capfd, tmp_path
+):
+    monkeypatch.chdir(tmp_path)
+    overrides = ("experiment=trial_sensors", "baselines=[trajectory]", "hydra.run.dir=run")
+    code, error = call(monkeypatch, capfd, "trial.__main__", *overrides)
+    assert code == 2
+    assert "baselines = ['trajectory']: they know nothing of sensors within tolerances" in error
     assert not (tmp_path / "outputs").exists()

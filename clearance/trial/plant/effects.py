@@ -43,8 +43,6 @@ DEFAULTS: Mapping[str, Values] = {
 }
 """Parameters of each effect, and what they are where none is given; SI units (rpm where named so)."""
 
-ALIASES = {"damping": "damping_ratio", "proportional_gain": "proportional", "integral_gain": "integral"}
-
 
 def complete(name: str, given: Values) -> dict[str, Any]:
     """The values of one effect, defaults filled in.
@@ -56,10 +54,9 @@ def complete(name: str, given: Values) -> dict[str, Any]:
         raise ValueError(f"effect {name!r} is unknown; choose from {', '.join(DEFAULTS)}")
     values = dict(DEFAULTS[name])
     for key, value in given.items():
-        known = key if key in values else ALIASES.get(key, key)
-        if known not in values:
+        if key not in values:
             raise ValueError(f"{name} has no parameter {key!r}; choose from {', '.join(values)}")
-        values[known] = value
+        values[key] = value
     return values
 
 

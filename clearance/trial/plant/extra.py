@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clearance.trial.plant.kernels import HARMONICS, P, extra_law
+from clearance.trial.plant.kernels import HARMONICS, PARAMETERS, P, extra_law
 
 KINDS = {
     "cubic_spring": 1,
@@ -87,7 +87,7 @@ class ExtraForce:
 
     def value(self, argument: np.ndarray) -> np.ndarray:
         """The force [N or N m] at values of the argument: what a free-form estimate should find."""
-        p = np.zeros(P.JOINT_C + 12)
+        p = np.zeros(PARAMETERS)
         self.write(p)
         flat = np.asarray(argument, dtype=float).ravel()
         return np.array([extra_law(p, x) for x in flat]).reshape(np.shape(argument))
