@@ -17,6 +17,9 @@ from clearance.trial.plant import FloatArray, Plant
 from clearance.trial.simulate import responses_of, scenes_of
 from clearance.trial.visibility import Scene, response, unexplained
 
+NO_CURVE = (0.0, 1.0)
+"""Likeness of no force at all."""
+
 
 def left_over(case: Case, secrets: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> float | None:
     """What the verdict leaves unexplained, over the detection threshold; state and speed are refitted.
@@ -55,6 +58,10 @@ def _claimed(case: Case, true: Plant, diagnosis: Mapping[str, Any]) -> Plant:
         for one in diagnosis["effects"]
         if one["kind"] == "physics"
     }
+    drive, motor = effects.get("soft_drive", {}), true.effects.get("soft_drive", {})
+    if "stall_torque" in drive and "no_load_rpm" in motor:
+        # of each recording alone, so that no verdict repeats it: the true one, as any other drive's speed
+        effects["soft_drive"] = {**drive, "no_load_rpm": motor["no_load_rpm"]}
     if case.known_frame and "flexible_base" in true.effects:
         effects.setdefault("flexible_base", true.effects["flexible_base"])
     return replace(true, effects=effects, extra=None, clearance=float(diagnosis["clearance"]["after_m"]))
@@ -71,12 +78,13 @@ def _with_clearance(scene: Scene, joint: str, old: float, new: float) -> Scene:
     return replace(scene, state=state)
 
 
-def correlation(
+def likeness(
     curve: Mapping[str, Sequence[float]] | None, free_form: Mapping[str, Any] | None
-) -> float | None:
-    """Of a free-form force with the true one, both along the true motion.
+) -> tuple[float, float] | None:
+    """Correlation of a free-form force with the true one, and its error over that, along the true motion.
 
-    0 where the verdict has no such force, ``None`` where the truth is no single force.
+    The error is a root mean square. 0 and 1 where the verdict has no such force, ``None`` where the truth is
+    no single force.
 
     Args:
         curve: the true ``force`` and the arguments it may be a function of; see ``simulate.Simulated``.
@@ -86,10 +94,10 @@ def correlation(
     if curve is None:
         return None
     if not free_form or free_form.get("argument") not in curve:
-        return 0.0
+        return NO_CURVE
     table = np.array(free_form["table"], dtype=float)
     if table.ndim != 2 or len(table) < 2 or table.shape[1] < 2:
-        return 0.0
+        return NO_CURVE
     table = table[np.argsort(table[:, 0])]
     argument, force = np.array(curve[free_form["argument"]]), np.array(curve["force"])
     period = free_form.get("period")
@@ -105,5 +113,6 @@ def correlation(
         table = np.vstack([table, table[0] + [period, 0.0]])
     found = np.interp(argument, table[:, 0], table[:, 1])  # beyond its ends it stays as there
     if len(force) < 10 or found.std() == 0.0 or force.std() == 0.0:
-        return 0.0
-    return float(np.corrcoef(found, force)[0, 1])
+        return NO_CURVE
+    error = float(np.sqrt(((found - force) ** 2).mean() / (force**2).mean()))
+    return float(np.corrcoef(found, force)[0, 1]), error

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from clearance.trial.case import UNNAMED, Case
-from clearance.trial.claim import correlation, left_over
+from clearance.trial.claim import NO_CURVE, left_over, likeness
 from clearance.trial.repertoire import EFFECTS, FORCES, PLACES, Place
 from clearance.trial.reveal import Revealed
 
@@ -24,8 +24,10 @@ def score_case(one: Revealed) -> dict[str, Any]:
         "seconds": one.seconds, "failure": one.failure,
         "memory_mib": (said or {}).get("peak_memory_mib"),
     }  # fmt: skip
+    asked = case.kind in UNNAMED and one.secrets["curve"] is not None
     if said is None:
-        return row | {"verdict": None, "right": False, "why": one.failure}
+        alike = NO_CURVE if asked else None
+        return row | {"verdict": None, "right": False, "why": one.failure} | _likeness(alike)
     names = [effect["name"] for effect in said["effects"]]
     row |= {
         "verdict": said["verdict"],
@@ -35,14 +37,12 @@ def score_case(one: Revealed) -> dict[str, Any]:
         "named_or_equivalent": _named(case, said),
         "first_and_alone": _named(case, said) and set(names) == set(case.missing) and not _rivals(case, said),
         "channel_right": _channel_right(case, said),
-        "body_right": _place_right(case, said, "body"),
-        "direction_right": _place_right(case, said, "direction"),
+        "spurious": any(name not in case.missing for name in names),
+        **_places_right(case, said),
         "parameters": parameters(case, said["effects"]),
         "clearance": _clearance(case, said["clearance"]),
         "held_out": said["fit"]["held_out"],
-        "curve_correlation": correlation(one.secrets["curve"], _curve_of(case, said))
-        if case.kind in UNNAMED
-        else None,
+        **_likeness(likeness(one.secrets["curve"], _curve_of(case, said)) if asked else None),
         "left_over": left_over(case, one.secrets, said),
     }
     why = _why(case, row)
@@ -61,11 +61,15 @@ def _alternatives(said: Mapping[str, Any]) -> list[set[str]]:
 
 
 def _named(case: Case, said: Mapping[str, Any]) -> bool:
-    """Everything missing is asserted, or is one of the explanations that cannot be told apart."""
+    """Everything missing is asserted, or is one of the explanations that cannot be told apart.
+
+    A fault in the wrong channel is another one; equivalents say no channel.
+    """
     truth = set(case.missing)
     if not truth or case.kind in UNNAMED:
         return False
-    return truth <= {effect["name"] for effect in said["effects"]} or truth in _alternatives(said)
+    asserted = truth <= {effect["name"] for effect in said["effects"]}
+    return (asserted and _channel_right(case, said) is not False) or truth in _alternatives(said)
 
 
 def _rivals(case: Case, said: Mapping[str, Any]) -> bool:
@@ -88,27 +92,41 @@ def _places(case: Case) -> list[Place]:
     return [PLACES[name] for name in case.missing]
 
 
-def _place_right(case: Case, said: Mapping[str, Any], what: str) -> bool | None:
-    """Whether the place of the mismatch is that of something missing; ``None`` where nothing is."""
+def _places_right(case: Case, said: Mapping[str, Any]) -> dict[str, bool | None]:
+    """Whether the mismatch is on a body where something is missing, and in the direction of it there.
+
+    ``None`` where nothing is missing.
+    """
     if not case.missing:
-        return None
-    return _at_place(case, str((said.get("mismatch") or {}).get(what)), what)
+        return {"body_right": None, "direction_right": None}
+    place = said.get("mismatch") or {}
+    body, direction = str(place.get("body")), str(place.get("direction"))
+    return {"body_right": _at_place(case, body), "direction_right": _at_place(case, body, direction)}
+
+
+def _likeness(alike: tuple[float, float] | None) -> dict[str, float | None]:
+    correlation, error = (None, None) if alike is None else alike
+    return {"curve_correlation": correlation, "curve_error": error}
 
 
 def _curve_of(case: Case, said: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """The free-form force of a verdict ``unknown``, if it acts where something is missing."""
     curve: Mapping[str, Any] = said.get("free_form") or {}
-    here = all(_at_place(case, str(curve.get(what)), what) for what in ("body", "direction"))
+    here = _at_place(case, str(curve.get("body")), str(curve.get("direction")))
     return curve if here and said["verdict"] == "unknown" else None
 
 
-def _at_place(case: Case, given: str, what: str) -> bool:
-    right = set().union(*(p.bodies if what == "body" else p.directions for p in _places(case)))
+def _at_place(case: Case, body: str, direction: str | None = None) -> bool:
+    """Whether something that is missing acts on a body, and, where it is given, in that direction."""
     joints = {
         "{joint}": f"joint_{case.joint.lower()}",
         "{other_joint}": "joint_c" if case.joint == "B" else "joint_b",
     }
-    return given in {joints.get(one, one) for one in right}
+    return any(
+        body in {joints.get(one, one) for one in place.bodies}
+        and (direction is None or direction in place.directions)
+        for place in _places(case)
+    )
 
 
 def parameters(case: Case, effects: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -171,6 +189,8 @@ def _why(case: Case, row: Mapping[str, Any]) -> str | None:
         if row["verdict"] != "unknown":
             return f"named {said}, where no name is right"
         return None if row["body_right"] else "unknown, rightly, but on the wrong body"
-    if not row["named_or_equivalent"]:
-        return "seen, but not named" if row["verdict"] == "unknown" else f"named {said} instead"
-    return "the right fault in the wrong channel" if row["channel_right"] is False else None
+    if row["named_or_equivalent"]:
+        return None
+    if row["channel_right"] is False and set(case.missing) <= set(row["named"]):
+        return "the right fault in the wrong channel"
+    return "seen, but not named" if row["verdict"] == "unknown" else f"named {said} instead"

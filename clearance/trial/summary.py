@@ -51,7 +51,8 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     # a beam has no single mode: the one that comes nearest to it has no true value
     asserted = [parameter for row in said if row["kind"] != "beam" for parameter in row["parameters"]]
     clearances = [row["clearance"] for row in said if row["clearance"] and row["right"]]
-    curves = [one for row in unnamed if (one := row.get("curve_correlation", 0.0)) is not None]
+    curves = [row for row in unnamed if row["curve_correlation"] is not None]
+    every = [row for row in rows if row["kind"] in _NAMED and row["kind"] != "pair"]
     # a machine that cannot run has left all unexplained; one with a force of free form is not asked
     claims = [row for row in said if row["verdict"] != "unknown" and _claims(row)]
     return {
@@ -65,6 +66,8 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "detected": rate([_true(row, "detected") for row in seen]),
         "named_or_equivalent": rate([_true(row, "named_or_equivalent") for row in single]),
         "first_and_alone": rate([_true(row, "first_and_alone") for row in single]),
+        "named_of_all": rate([_true(row, "named_or_equivalent") for row in every]),
+        "spurious": rate([_true(row, "spurious") for row in rows]),
         "pairs_named_or_equivalent": rate(
             [_true(row, "named_or_equivalent") for row in named if row["kind"] == "pair"]
         ),
@@ -72,8 +75,9 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "body": rate([_true(row, "body_right") for row in seen]),
         "direction": rate([_true(row, "direction_right") for row in seen]),
         "unknown_with_body": rate([row["right"] for row in unnamed]),
-        "curve_correlation": quantiles(curves),
-        "curve_good": rate([one >= 0.95 for one in curves]),
+        "curve_correlation": quantiles([row["curve_correlation"] for row in curves]),
+        "curve_good": rate([row["curve_correlation"] >= 0.95 for row in curves]),
+        "curve_error": quantiles([row["curve_error"] for row in curves]),
         "parameter_coverage": rate([parameter["covered"] for parameter in asserted]),
         "parameter_error": quantiles([p["error"] for p in asserted if p["error"] is not None]),
         "clearance_coverage": rate([one["covered"] for one in clearances if one["covered"] is not None]),
@@ -247,12 +251,15 @@ _ROWS: tuple[tuple[str, str, str, _Show], ...] = (
     ("detected, above the threshold", "detected", "", _rate_cells),
     ("one effect or fault named, or in the equivalent set", "named_or_equivalent", "95 %", _rate_cells),
     ("named first and alone", "first_and_alone", "85 %", _rate_cells),
+    ("named or equivalent, those below the threshold included", "named_of_all", "", _rate_cells),
     ("pairs: both named, or in the equivalent set", "pairs_named_or_equivalent", "", _rate_cells),
     ("faults named in the right channel", "fault_channel", "", _rate_cells),
     ("body right", "body", "95 %", _rate_cells),
-    ("direction right", "direction", "95 %", _rate_cells),
+    ("body and direction right", "direction", "95 %", _rate_cells),
+    ("something asserted that is not there", "spurious", "", _rate_cells),
     ("outside the list: `unknown` with the right body", "unknown_with_body", "90 %", _rate_cells),
     ("free-form force correlates at least 0.95", "curve_good", "", _rate_cells),
+    ("error of the free-form force", "curve_error", "", _error_cells),
     ("parameters inside their 95 % intervals", "parameter_coverage", "90 to 98 %", _rate_cells),
     ("clearance inside its 95 % interval, right verdicts", "clearance_coverage", "90 to 98 %", _rate_cells),
     ("the same, wrong verdicts included", "clearance_coverage_of_all", "", _rate_cells),

@@ -10,7 +10,7 @@ import pytest
 from clearance.evaluation.results import marks
 from clearance.trial import pictures
 from clearance.trial.case import Case, Session
-from clearance.trial.claim import correlation, left_over
+from clearance.trial.claim import NO_CURVE, left_over, likeness
 from clearance.trial.reveal import Revealed, reveal
 from clearance.trial.score import parameters, score_case
 from clearance.trial.simulate import simulate
@@ -83,7 +83,7 @@ def test_an_effect_named_in_its_place_with_its_size(secrets):
     assert (parameter["true"], parameter["covered"], parameter["error"]) == (4.0, True, 0.0)
     off = scored(FRICTION, verdict("physics", [friction(4.4)], mismatch={"body": "rod"}), secrets)
     assert off["right"]
-    assert not off["body_right"]
+    assert (off["body_right"], off["direction_right"]) == (False, False)
     assert not off["parameters"][0]["covered"]
     assert off["parameters"][0]["error"] == pytest.approx(0.1)
     more = friction()
@@ -123,8 +123,10 @@ def test_a_force_over_time_is_compared_by_the_clock_of_each_recording():
     knots = 0.05 * np.arange(24) / 24
     said = {"argument": "time", "period": 0.05, "clocks": [0.0, 0.013],
             "table": [[t, np.sin(2.0 * np.pi * t / 0.05)] for t in knots]}  # fmt: skip
-    assert correlation(curve, said) > 0.99
-    assert correlation(curve, {**said, "clocks": [0.0, 0.038]}) < 0.5
+    correlation, error = likeness(curve, said)
+    assert correlation > 0.99
+    assert error < 0.1
+    assert likeness(curve, {**said, "clocks": [0.0, 0.038]})[0] < 0.5
 
 
 def test_a_case_without_a_verdict_counts_as_wrong(secrets):
@@ -198,6 +200,32 @@ def test_a_fault_has_a_channel_and_may_be_given_in_degrees(secrets):
     assert row["parameters"][0]["covered"]
     wrong = scored(FAULT, verdict("instrument", [{**effect, "channel": "rod_b_axial"}]), secrets)
     assert wrong["why"] == "the right fault in the wrong channel"
+    assert (wrong["named_or_equivalent"], wrong["first_and_alone"]) == (False, False)
+
+
+def test_what_is_asserted_beside_the_truth_is_counted(secrets):
+    both = scored(FRICTION, verdict("physics", [friction(), friction(name="slider_spring")]), secrets)
+    assert both["right"]
+    right = scored(FRICTION, verdict("physics", [friction()]), secrets)
+    assert summarise([both, right, scored(NOTHING, verdict(), secrets)])["spurious"] == rate(
+        [True, False, False]
+    )
+
+
+def test_what_is_below_the_threshold_is_counted_apart(secrets):
+    missed = scored(FRICTION, verdict(), secrets)
+    seen = scored(FRICTION, verdict("physics", [friction()]), secrets)
+    summary = summarise([{**missed, "visible": False}, seen])
+    assert summary["named_or_equivalent"] == rate([True])
+    assert summary["named_of_all"] == rate([True, False])
+    assert summary["below_threshold"] == 1
+
+
+def test_body_and_direction_are_those_of_one_thing_that_is_missing(secrets):
+    pair = replace(FRICTION, kind="pair", effects={**FRICTION.effects, "torque_ripple": {"amplitude": 1.0}})
+    for body, direction, right in (("slider", "x", True), ("crank", "torque", True), ("crank", "x", False)):
+        row = scored(pair, verdict("unknown", mismatch={"body": body, "direction": direction}), secrets)
+        assert (row["body_right"], row["direction_right"]) == (True, right)
 
 
 def test_a_force_outside_the_list():
@@ -213,12 +241,17 @@ def test_a_force_outside_the_list():
     row = scored(FORCE, said, secrets)
     assert row["right"]
     assert row["curve_correlation"] > 0.95
+    assert row["curve_error"] < 0.3
     assert row["left_over"] is None
+    larger = {**free, "table": [[x, 10.0 * f] for x, f in free["table"]]}
+    large = scored(FORCE, {**said, "free_form": larger}, secrets)
+    assert large["curve_correlation"] == pytest.approx(row["curve_correlation"])
+    assert large["curve_error"] > 5.0
     on_the_rod = {**said, "free_form": {**free, "body": "rod"}}
     assert scored(FORCE, on_the_rod, secrets)["curve_correlation"] == 0.0
     backwards = {"argument": "slider_position", "table": [[x, -f] for x, f in free["table"]]}
-    assert correlation(secrets["curve"], backwards) < -0.95
-    assert correlation(secrets["curve"], {"argument": "time", "table": [[0, 1], [1, 1]]}) == 0.0
+    assert likeness(secrets["curve"], backwards)[0] < -0.95
+    assert likeness(secrets["curve"], {"argument": "time", "table": [[0, 1], [1, 1]]}) == NO_CURVE
     elsewhere = scored(FORCE, {**said, "mismatch": {"body": "rod"}}, secrets)
     assert elsewhere["why"] == "unknown, rightly, but on the wrong body"
     named = scored(FORCE, verdict("physics", [friction(name="process_load")]), secrets)
@@ -240,6 +273,20 @@ def test_a_claim_is_checked_where_nobody_has_looked(secrets):
     ):
         assert scored(FRICTION, said, secrets)["left_over"] > 1.0
     assert scored(FRICTION, verdict("physics", [friction()], clearance=3.0003e-4), secrets)["left_over"] < 1.0
+
+
+@pytest.mark.parametrize(("stall", "no_load"), [(50.0, 1.01), (20.0, 1.03), (6.0, 1.08)])
+def test_a_motor_is_known_by_its_stall_torque(stall, no_load):
+    """The speed at which it runs free is each recording's own, and no verdict repeats it."""
+    motor = replace(FRICTION, effects={"soft_drive": {"stall_torque": stall, "no_load_ratio": no_load}})
+    known = simulate(motor).secrets
+
+    def said(value):
+        effect = {"name": "soft_drive", "kind": "physics", "parameters": {"stall_torque": {"value": value}}}
+        return verdict("physics", [effect])
+
+    assert left_over(motor, known, said(stall)) < 1e-3
+    assert left_over(motor, known, said(1.5 * stall)) > 1e-2
 
 
 def score_of(trial, answers):
