@@ -3,11 +3,15 @@
 import hashlib
 import json
 import resource
+import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
+
+_COMMIT = ("rev-parse", "--short", "HEAD")
+_CHANGES = ("status", "--porcelain", "--", "clearance", "conf")
 
 
 def describe(value: Any) -> Any:
@@ -26,6 +30,22 @@ def fingerprint(value: Any) -> str:
     """SHA-256 of the description of ``value``, 16 hexadecimal digits."""
     text = json.dumps(describe(value), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def revision() -> str | None:
+    """The commit of the sources that run, marked where they were changed since; ``None`` outside of git."""
+    root = Path(__file__).parents[1]
+    if not (root / ".git").exists():
+        return None
+    git = ["git", "-C", str(root)]
+    try:
+        commit, changes = (
+            subprocess.run([*git, *words], capture_output=True, text=True, check=True).stdout.strip()
+            for words in (_COMMIT, _CHANGES)
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return f"{commit}, changed" if changes else commit
 
 
 def peak_memory() -> float:

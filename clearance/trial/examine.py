@@ -8,11 +8,13 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from clearance.errors import InputError
 from clearance.processes import end, environment
+from clearance.provenance import revision
 from clearance.trial.case import KNOWN_FRAME
 from clearance.trial.conceal import CASE, CASES, names_of
 from clearance.whole_files import read_json, write_json
@@ -42,6 +44,15 @@ class Examiner:
     verdicts: str = VERDICTS
     time_limit: float = 600.0
     retry: bool = False
+
+    @cached_property
+    def asked(self) -> dict[str, Any]:
+        """What is put to the test, and how: a result says it."""
+        words = ["python" if word == sys.executable else word for word in self.program]
+        return {
+            "program": " ".join([*words, *self.arguments]), "time_limit": self.time_limit,
+            "revision": revision(),
+        }  # fmt: skip
 
     def examine(
         self, folder: Path, parallel: int, report: Callable[[str], None], shard: tuple[int, int] = (1, 1)
@@ -128,7 +139,13 @@ class Examiner:
         corrected = machine.read_text(encoding="utf-8") if diagnosis and machine.exists() else None
         write_json(
             place / VERDICT,
-            {"seconds": seconds, "failure": failure, "diagnosis": diagnosis, "corrected": corrected},
+            {
+                "seconds": seconds,
+                "failure": failure,
+                "diagnosis": diagnosis,
+                "corrected": corrected,
+                "asked": self.asked,
+            },
         )
         report(f"{name}: {diagnosis['verdict'] if diagnosis else failure} ({seconds:.0f} s)")
 

@@ -24,6 +24,7 @@ class Revealed:
         seconds: that it took.
         failure: why there is no diagnosis, or ``None``.
         corrected: the machine that the tool handed on, as a configuration, or ``None``.
+        asked: the program, its limit of time [s] and the commit of its sources, or ``None``.
     """
 
     case: Case
@@ -32,6 +33,7 @@ class Revealed:
     seconds: float
     failure: str | None
     corrected: str | None = None
+    asked: dict[str, Any] | None = None
 
 
 def commit_verdicts(folder: Path, verdicts: str = VERDICTS) -> str:
@@ -87,7 +89,10 @@ def reveal(folder: Path, sealed: Path, verdicts: str = VERDICTS) -> tuple[dict[s
     for part in truth["cases"]:
         _refuse_changed(folder, part, published["recordings"])
     cases = [_revealed(folder / verdicts, part) for part in truth["cases"]]
-    return {"seed": truth["seed"], "commitment": published["sha256"], "verdicts": hashed}, cases
+    facts = {"seed": truth["seed"], "commitment": published["sha256"], "verdicts": hashed}
+    asked = [one.asked for one in cases if one.asked is not None]
+    once = [one for i, one in enumerate(asked) if one not in asked[:i]]
+    return facts | {"scope": published["scope"], "asked": once}, cases
 
 
 def _refuse_changed(folder: Path, part: dict[str, Any], published: dict[str, str]) -> None:

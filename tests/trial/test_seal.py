@@ -192,7 +192,10 @@ def test_a_changed_truth_is_refused(trial):
 
 def test_a_changed_verdict_is_refused(trial):
     trial.examine()
-    reveal(trial.folder, trial.sealed)
+    facts, _ = reveal(trial.folder, trial.sealed)
+    assert facts["scope"]["cases"] == SCOPE.cases
+    (asked,) = facts["asked"]
+    assert asked["program"] == f"python {TOOL} {trial.answers}"
     reveal(trial.folder, trial.sealed)
     path = trial.folder / VERDICTS / "case_0003" / VERDICT
     path.write_text(path.read_text().replace("none", "unknown"))
