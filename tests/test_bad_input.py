@@ -326,7 +326,7 @@ def test_predict_refuses_a_bad_recording_and_names_it(
     ("override", "words"),
     [
         ("recordings=[]", r"recordings=\[\]: at least one file"),
-        ("recordings=folder", "folder: is a folder; name a file in it that ends in .parquet"),
+        ("recordings=folder", "recordings: no recording in the folder folder; recordings end in .parquet"),
         ("output=folder", "output=folder: is a folder; set output to a file in it"),
         ("checkpoint=nowhere", "checkpoint=nowhere: no configuration of a model there"),
         ("output=/dev/full/p.json", "/dev/full"),
