@@ -176,8 +176,9 @@ class NeuralEstimator:
             self._take(self._begun, "begin")
 
     def predict(self, windows: WindowSet) -> np.ndarray:
-        """Outputs in single precision, on the GPU where there is one."""
-        device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        """Outputs in single precision, on the GPU where there is one and ``trainer.accelerator`` takes it."""
+        gpu = self.training.accelerator != "cpu" and torch.cuda.is_available()
+        device = torch.device("cuda" if gpu else "cpu")
         net = self.net.to(device).eval()
         outputs = []
         with efficient_processor(self.training.threads), torch.inference_mode():
