@@ -32,11 +32,12 @@ class MeasuredSource(FixedSource):
 
     def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Read every file of the list."""
-        entries = _entries(Path(self.path))
+        listed = Path(str(self.path))  # a name of digits alone is a number
+        entries = _entries(listed)
         signals, rates, chains, places = [], [], [], []
         digest, used = hashlib.sha256(), 0
         for entry in entries:
-            file = Path(self.path).parent / str(entry["path"])
+            file = listed.parent / str(entry["path"])
             recording = self.read(file)
             try:
                 signals.append(corrected(recording).select(channels).values.astype(np.float32))

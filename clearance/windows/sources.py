@@ -110,7 +110,7 @@ class StoredSource(FixedSource):
 
     def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Read every run that is stored and finite."""
-        dataset = Dataset.open(self.path)
+        dataset = Dataset.open(str(self.path))
         missing = [run for run in dataset.missing() if self.runs is None or run < self.runs]
         if missing:
             log.warning(
@@ -144,7 +144,7 @@ class SimulatedSource(FixedSource):
 
     @property
     def _path(self) -> Path:
-        return Path(self.folder) / self.simulation.fingerprint
+        return Path(str(self.folder)) / self.simulation.fingerprint
 
 
 @dataclass
