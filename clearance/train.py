@@ -42,6 +42,7 @@ def main(cfg: DictConfig) -> float | None:
     instantiate(cfg.sensors)
     data = instantiate(each[0].data, _convert_="all")
     estimators = [instantiate(one.model, _convert_="all") for one in each]
+    estimators[0].check(data)
     instantiate(cfg.metrics)
     Calibration(**cfg.calibration)
     if cfg.seeds is not None:

@@ -143,6 +143,8 @@ def test_simulate_with_other_settings_names_them(refused, campaign, tmp_path):
         ("trainer.optimizer.lr=-1", "Invalid learning rate: -1; change trainer.optimizer"),
         ("trainer.optimizer.lr=high", "lr = 'high' is not a number; change trainer.optimizer.lr$"),
         ("trainer.monitor=val/mae", "trainer.monitor=val/mae: must be one of val/loss"),
+        ("model.net.fold=7", "model.net.fold=7: must divide the window of 200 samples; set model.net.fold"),
+        ("model.net.layers=0", "model.net: num_layers must be greater than zero; change model.net$"),
         ("model.gradient_clip=0", r"gradient_clip = 0 is outside \(0, inf\); change model.gradient_clip"),
         ("windows.length=0", r"length = 0 is outside \[1, inf\); change windows.length"),
         ("windows.stride=x", "stride = 'x' is not a number; change windows.stride"),

@@ -178,6 +178,13 @@ def test_the_width_of_a_block_is_odd():
         configured("tcn", "model.net.width=4")._build(2, 60, 1)
 
 
+def test_what_a_network_cannot_read_shows_before_there_are_data(make_data):
+    data = make_data()
+    configured("tcn").check(data)
+    with pytest.raises(InputError, match=r"model\.net: .*stride.*; change model\.net"):
+        configured("tcn", "model.net.stem_stride=0").check(data)
+
+
 def test_folding_keeps_every_sample():
     net = net_of("lstm")
     signals = torch.randn(1, 60, 2)
