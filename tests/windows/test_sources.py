@@ -116,6 +116,13 @@ def test_what_is_wrong_with_a_recording_of_a_list_names_its_file(measured, campa
         loaded("data=measured", f"data.source.path={wrong}")
 
 
+def test_a_recording_that_is_listed_twice_is_refused(measured):
+    wrong = measured.with_name("twice.csv")
+    wrong.write_text(measured.read_text() + "\n3.parquet,0,1e-4,60,\n")
+    with pytest.raises(InputError, match=r"twice\.csv: 3\.parquet occurs 2 times: .*; leave one entry"):
+        loaded("data=measured", f"data.source.path={wrong}")
+
+
 def test_a_speed_that_is_no_number_is_named(measured):
     wrong = measured.with_name("speeds.csv")
     wrong.write_text("path,clearance_c,speed\n0.parquet,1e-4,600 rpm\n")
@@ -232,16 +239,17 @@ def test_a_gauge_remembers_where_the_sensors_of_its_training_were(overrides, pla
 def test_where_the_sensors_of_a_list_are_is_what_all_its_recordings_declare(measured, campaign):
     own = measured.with_name("places.csv")
     rows = measured.read_text().splitlines()
-    places = ({"rod_b_axial": 0.0, "rod_c_axial": 0.1}, {"rod_c_axial": 0.1}, {"rod_c_axial": 0.12})
+    places = RUNS // 2 * [{"rod_b_axial": 0.0, "rod_c_axial": 0.1}, {"rod_c_axial": 0.1}]
+    places.append({"rod_c_axial": 0.12})
     for run, declared in enumerate(places):
         path = measured.with_name(f"placed-{run}.parquet")
         write(campaign.recording(run), path)
         sensors = {name: {"position": place} for name, place in declared.items()}
         path.with_suffix(".yaml").write_text(json.dumps({"sensors": sensors}))
-    listed = [f"placed-{run % 2}.parquet,0,{1e-4 * (run + 1)},60," for run in range(RUNS)]
+    listed = [f"placed-{run}.parquet,0,{1e-4 * (run + 1)},60," for run in range(RUNS)]
     own.write_text("\n".join([rows[0], *listed]))
     assert loaded("data=measured", f"data.source.path={own}").recordings.positions == {"rod_c_axial": 0.1}
-    own.write_text("\n".join([rows[0], *listed, "placed-2.parquet,0,1e-4,60,"]))
+    own.write_text("\n".join([rows[0], *listed, f"placed-{RUNS}.parquet,0,1e-4,60,"]))
     with pytest.raises(InputError, match=r"sensor rod_c_axial at 0\.1 m and at 0\.12 m: one common place"):
         loaded("data=measured", f"data.source.path={own}")
 
