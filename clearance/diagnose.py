@@ -37,13 +37,11 @@ from clearance.errors import InputError
 from clearance.mechanism.description import write_mechanism
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import describe
-from clearance.recording.bounds import listing
 from clearance.recording.correction import corrected
 from clearance.recording.declaration import write_sensors
-from clearance.recording.files import read
+from clearance.recording.files import read, recordings_in
 from clearance.recording.position import declared_positions, elsewhere, mounted
 from clearance.recording.recording import Recording
-from clearance.recording.tables import FORMATS
 from clearance.whole_files import write_json
 
 log = logging.getLogger(__name__)
@@ -264,7 +262,7 @@ def _files(key: str, paths: Any, held_out: Sequence[Path] = ()) -> list[Path]:
     found: list[Path] = []
     for path in map(Path, listed):
         if path.is_dir():
-            inside = [file for file in _recordings_in(key, path) if file.resolve() not in apart]
+            inside = [file for file in recordings_in(path, key) if file.resolve() not in apart]
             if not inside:
                 raise InputError(
                     f"{key}: every recording in {path} is held out, and none is left to fit; change {key} or "
@@ -278,15 +276,6 @@ def _files(key: str, paths: Any, held_out: Sequence[Path] = ()) -> list[Path]:
             )
         else:
             found.append(path)
-    return found
-
-
-def _recordings_in(key: str, folder: Path) -> list[Path]:
-    """The recordings in a folder, by name."""
-    inside = sorted(file for file in folder.iterdir() if file.suffix.lower() in FORMATS)
-    found = [file for file in inside if file.is_file() and not file.name.startswith(".")]
-    if not found:
-        raise InputError(f"{key}: no recording in the folder {folder}; recordings end in {listing(FORMATS)}")
     return found
 
 

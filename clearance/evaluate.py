@@ -46,7 +46,7 @@ def main(cfg: DictConfig) -> None:
             raise InputError(
                 f"{name}={cfg[name]}: made only together with the results; set results to a folder"
             )
-    runs = Path(cfg.runs)
+    runs = Path(str(cfg.runs))  # a name of digits alone is a number
     figures = instantiate(cfg.figures, _convert_="all")
     perturbations = instantiate(cfg.perturbations, _convert_="all")
     if cfg.fresh:
@@ -55,14 +55,14 @@ def main(cfg: DictConfig) -> None:
     if cfg.perturbed:
         measure_perturbed(runs, perturbations, cfg.perturbed)
     if cfg.report is not None:
-        page = Path(cfg.report)
-        pictures = page.with_suffix("") if cfg.pictures is None else Path(cfg.pictures)
+        page = Path(str(cfg.report))
+        pictures = page.with_suffix("") if cfg.pictures is None else Path(str(cfg.pictures))
         if not runs.is_dir() and not (pictures / RECORD).exists():
             raise InputError(
                 f"runs = {runs}: there is no such folder, and no record of trainings in pictures = "
                 f"{pictures}; set runs to a folder of finished trainings"
             )
-        trainings = Path(cfg.trainings)
+        trainings = Path(str(cfg.trainings))
         rows = read_json(trainings, "trainings") if trainings.exists() else []
         write_results(runs, page, pictures, figures, rows)
         log.info("written to %s, with pictures in %s", page, pictures)
@@ -71,22 +71,22 @@ def main(cfg: DictConfig) -> None:
     log.info("%s", markdown(rows))
     if cfg.results is None:
         return
-    fresh = read_json(Path(cfg.picture) / FRESH, "picture") if cfg.picture else None
-    results = Path(cfg.results)
+    results, shown, bench = (Path(str(path)) for path in (cfg.results, cfg.picture, cfg.bench))
+    fresh = read_json(shown / FRESH, "picture") if cfg.picture else None
     results.mkdir(parents=True, exist_ok=True)
     rows = with_recorded(rows, results / "trainings.json")
     write_json(results / "trainings.json", rows)
     if fresh is not None:
-        name = (read_yaml(Path(cfg.picture) / CONFIG) or {}).get("name", "")
+        name = (read_yaml(shown / CONFIG) or {}).get("name", "")
         figure = overview(fresh, name)
         write_atomically(results / "overview.png", lambda file: figure.savefig(file, dpi=110))
     blocks = {"results": markdown([row for row in rows if row["experiment"] not in EXPERIMENTS])}
-    if Path(cfg.bench).exists():
-        bench = read_json(Path(cfg.bench), "bench")
-        write_json(results / "bench.json", bench)
-        blocks["bench"] = report.markdown(bench)
+    if bench.exists():
+        measured = read_json(bench, "bench")
+        write_json(results / "bench.json", measured)
+        blocks["bench"] = report.markdown(measured)
     if cfg.readme:
-        readme = Path(cfg.readme)
+        readme = Path(str(cfg.readme))
         text = readme.read_text(encoding="utf-8")
         for block, content in blocks.items():
             text = put_between_marks(text, block, content)

@@ -1,4 +1,4 @@
-"""Estimate clearances: ``python -m clearance.predict checkpoint=RUN 'recordings=[a.parquet]'``."""
+"""Estimate clearances: ``python -m clearance.predict checkpoint=RUN recordings=FOLDER``."""
 
 import logging
 import sys
@@ -15,7 +15,7 @@ from clearance.models.location import LOCATIONS, location
 from clearance.models.run_folder import CONFIG
 from clearance.models.trusted import instantiate_trusted
 from clearance.recording.correction import corrected
-from clearance.recording.files import read
+from clearance.recording.files import read, recordings_in
 from clearance.recording.position import declared_positions
 from clearance.whole_files import read_yaml, write_json
 
@@ -26,17 +26,25 @@ log = logging.getLogger(__name__)
 def main(cfg: DictConfig) -> None:
     """Read the gauge and the recordings, estimate each, show a table and write ``predictions.json``."""
     gauge = load_gauge(Path(str(cfg.checkpoint)))
-    paths = cfg.recordings if OmegaConf.is_list(cfg.recordings) else [cfg.recordings]
-    if not paths:
-        raise InputError("recordings=[]: at least one file is needed; set recordings")
+    files = files_of(cfg.recordings)
     output = Path(str(cfg.output))
     if output.is_dir():
         raise InputError(f"output={output}: is a folder; set output to a file in it")
-    found = {str(path): estimate_file(gauge, Path(str(path))) for path in paths}
+    found = {str(file): estimate_file(gauge, file) for file in files}
     output.parent.mkdir(parents=True, exist_ok=True)
     write_json(output, [{"path": path, **asdict(one)} for path, each in found.items() for one in each])
     sys.stdout.write(table(found, gauge.intervals[0].coverage) + locations(found))
     log.info("written to %s", output)
+
+
+def files_of(recordings: Any) -> list[Path]:
+    """The files that ``recordings`` names, one or a list; of a folder all recordings in it, by name."""
+    paths = [Path(str(one)) for one in (recordings if OmegaConf.is_list(recordings) else [recordings])]
+    if not paths:
+        raise InputError("recordings=[]: at least one file is needed; set recordings")
+    return [
+        file for path in paths for file in (recordings_in(path, "recordings") if path.is_dir() else [path])
+    ]
 
 
 def load_gauge(folder: Path) -> Gauge:

@@ -22,10 +22,10 @@ def main(cfg: DictConfig) -> None:
             raise InputError(
                 f"dataset={cfg.dataset} and recordings={cfg.recordings}: one of both; set the other to null"
             )
-        paths = campaign.export(cfg.recordings, part, workers)
+        paths = campaign.export(str(cfg.recordings), part, workers)
         log.info("%d of %d runs are recordings in %s", len(paths), campaign.runs, cfg.recordings)
         return
-    path = Path(cfg.dataset or f"outputs/datasets/{campaign.fingerprint}")
+    path = Path(str(cfg.dataset or f"outputs/datasets/{campaign.fingerprint}"))
     dataset = campaign.generate(path, part, workers)
     for run, reason in dataset.failures().items():
         log.warning("run %d: %s", run, reason)

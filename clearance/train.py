@@ -42,16 +42,17 @@ def main(cfg: DictConfig) -> float | None:
     instantiate(cfg.sensors)
     data = instantiate(each[0].data, _convert_="all")
     estimators = [instantiate(one.model, _convert_="all") for one in each]
+    estimators[0].check(data)
     instantiate(cfg.metrics)
     Calibration(**cfg.calibration)
     if cfg.seeds is not None:
         shareable(estimators)
     if cfg.begin is not None:
-        if not (Path(cfg.begin) / METRICS).exists():
+        if not (Path(str(cfg.begin)) / METRICS).exists():
             raise InputError(f"begin={cfg.begin}: no finished training there; set begin to the folder of one")
         _require_apart(cfg)
         for estimator in estimators:
-            estimator.begin(Path(cfg.begin))
+            estimator.begin(Path(str(cfg.begin)))
 
     runs = [open_run(one) for one in each]
     finished = all(run.finished for run in runs)
@@ -92,7 +93,7 @@ def main(cfg: DictConfig) -> float | None:
 def _require_apart(cfg: DictConfig) -> None:
     """Refuse weights that have seen recordings which this training would be tested on."""
     (machines, division), (before, divided) = (
-        _seen(config) for config in (plain(cfg), read_yaml(Path(cfg.begin) / CONFIG) or {})
+        _seen(config) for config in (plain(cfg), read_yaml(Path(str(cfg.begin)) / CONFIG) or {})
     )
     other = [key for key, value in division.items() if value != divided.get(key)]
     if machines == before and other:
@@ -136,7 +137,7 @@ def of_seed(cfg: DictConfig, seed: int) -> DictConfig:
     Where the folder is not named by the overrides, it is one below that of all.
     """
     one = deepcopy(cfg)
-    path = Path(cfg.folder)
+    path = Path(str(cfg.folder))
     name = re.sub(r"\bseeds=\[[^\]]*\]", f"seed={seed}", path.name)
     folder = path.with_name(name) if name != path.name else path / f"seed={seed}"
     one.seed, one.seeds, one.folder = seed, None, str(folder)
@@ -150,7 +151,7 @@ def open_run(cfg: DictConfig) -> RunFolder:
         "experiment": asked.runtime.choices["experiment"], **plain(cfg),
         "overrides": list(asked.overrides.task),
     }  # fmt: skip
-    return RunFolder.open(Path(cfg.folder), config, cfg.seed, cfg.resume)
+    return RunFolder.open(Path(str(cfg.folder)), config, cfg.seed, cfg.resume)
 
 
 def plain(cfg: DictConfig) -> dict[str, Any]:

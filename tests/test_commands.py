@@ -119,14 +119,13 @@ def test_tensorboard_shows_losses_metrics_hyperparameters_and_pictures(trained):
 
 
 def test_predict_estimates_a_recording_that_the_model_has_not_seen(trained, home, campaign):
-    for run in (0, 1):
-        write(campaign.recording(run), home / f"{run}.parquet")
-    done = launch(
-        "predict", "checkpoint=run", "recordings=[0.parquet,1.parquet]", "output=p.json", folder=home
-    )
+    (home / "more").mkdir()
+    for run, path in enumerate(("0.parquet", "more/1.parquet")):
+        write(campaign.recording(run), home / path)
+    done = launch("predict", "checkpoint=run", "recordings=[0.parquet,more]", "output=p.json", folder=home)
     assert (done.returncode, done.stderr) == (0, "")
     estimates = json.loads((home / "p.json").read_text())
-    assert [one["path"] for one in estimates] == ["0.parquet", "1.parquet"]
+    assert [one["path"] for one in estimates] == ["0.parquet", "more/1.parquet"]
     for one in estimates:
         assert {"path", "clearance_m", "low_m", "high_m", "trusted", "reason"} <= set(one)
         assert 0 <= one["low_m"] <= one["clearance_m"] <= one["high_m"] <= 1e-3

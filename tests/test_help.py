@@ -19,6 +19,11 @@ def test_a_command_says_what_it_is_for_shows_an_example_and_explains_its_keys(na
     assert len(unexplained) <= 2, unexplained  # runs=1000 and seed=1 speak for themselves
 
 
+def test_predict_says_that_it_takes_a_folder():
+    assert "recordings=???" in help_text("predict")
+    assert "or a folder of them" in help_text("predict")
+
+
 def test_keys_and_comments_are_the_files_own():
     text = help_text("diagnose")
     assert "What does the model lack?" in text

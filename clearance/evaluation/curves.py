@@ -79,10 +79,10 @@ def draw(rows: Sequence[Row]) -> Figure | None:
 
 
 def _alike(rows: Sequence[Row], experiment: str) -> list[Row]:
-    # Of the same training in two experiments one is enough.
+    # Of the same training in two experiments one is enough; of several seeds the least, not the best of them.
     found: dict[tuple[int, int], Row] = {}
     for name in _ALIKE[experiment]:
-        for row in rows:
+        for row in sorted(rows, key=lambda row: (row["split_seed"], row["seed"])):
             as_it_is = (row["experiment"], row["name"], row["epochs"]) == (name, _MODEL, _EPOCHS)
             if as_it_is and not row.get("overrides"):
                 found.setdefault((row["recordings"], row["window"]), row)

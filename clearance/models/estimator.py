@@ -18,6 +18,14 @@ class Estimator(Protocol):
         """Numbers that training has set: weights, or nodes of trees."""
         ...
 
+    def check(self, data: WindowData) -> None:
+        """Refuse sensors, windows and targets that the model cannot read; ``data`` need not be set up.
+
+        Raises:
+            InputError: it cannot.
+        """
+        ...
+
     def fit(self, data: WindowData, run: RunFolder) -> float:
         """Train on the training windows, choosing by the validation windows; return the seconds it took."""
         ...

@@ -104,6 +104,9 @@ class RandomForest:
         """Nodes of all trees."""
         return len(self.trees.value)
 
+    def check(self, data: WindowData) -> None:
+        """Nothing: trees read windows of any shape."""
+
     def begin(self, folder: Path) -> None:
         """Refused: trees do not go on from others."""
         raise _refusal(folder)
@@ -171,6 +174,9 @@ class GradientBoosting:
     def parameters(self) -> int:
         """Nodes of all trees."""
         return sum(tree.count("\n") for tree in self.model.get_dump())
+
+    def check(self, data: WindowData) -> None:
+        """Nothing: trees read windows of any shape."""
 
     def begin(self, folder: Path) -> None:
         """Refused: trees do not go on from others."""

@@ -136,6 +136,15 @@ class NeuralEstimator:
         """Number of weights."""
         return sum(p.numel() for p in self.net.parameters())
 
+    def check(self, data: WindowData) -> None:
+        """Build the network and let it read a window of zeros: what fails shows before there are data."""
+        self._build_for(data)
+        try:
+            with torch.inference_mode():
+                self.net(torch.zeros(1, data.windows.length, len(data.channels)))
+        except RuntimeError as error:
+            raise InputError(f"model.net: {error}; change model.net, or windows.length") from error
+
     def fit(self, data: WindowData, run: RunFolder) -> float:
         """Train until the validation loss stops falling, or go on from the last checkpoint of ``run``."""
         plan = self.training
@@ -171,13 +180,14 @@ class NeuralEstimator:
     def initialize(self, data: WindowData, seed: int) -> None:
         """Build the network with its first weights: by chance from ``seed``, or those of ``begin``."""
         L.seed_everything(seed, verbose=False)
-        self._build(len(data.channels), data.windows.length, len(data.targets))
+        self._build_for(data)
         if self._begun:
             self._take(self._begun, "begin")
 
     def predict(self, windows: WindowSet) -> np.ndarray:
-        """Outputs in single precision, on the GPU where there is one."""
-        device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        """Outputs in single precision, on the GPU where there is one and ``trainer.accelerator`` takes it."""
+        gpu = self.training.accelerator != "cpu" and torch.cuda.is_available()
+        device = torch.device("cuda" if gpu else "cpu")
         net = self.net.to(device).eval()
         outputs = []
         with efficient_processor(self.training.threads), torch.inference_mode():
@@ -218,6 +228,9 @@ class NeuralEstimator:
                 f"{source}: not the weights of this model on these sensors and windows ({error}); set "
                 "checkpoint or begin to a training of the same"
             ) from error
+
+    def _build_for(self, data: WindowData) -> None:
+        self._build(len(data.channels), data.windows.length, len(data.targets))
 
     def _build(self, channels: int, length: int, outputs: int) -> None:
         self._shape = (channels, length, outputs)

@@ -7,7 +7,7 @@ from typing import Protocol
 from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR, LRScheduler
 
-from clearance.errors import InputError
+from clearance.mechanism.parameters import require
 
 
 class Schedule(Protocol):
@@ -40,11 +40,8 @@ class OneCycle:
     end: float = 1e-4  # last rate as a share of the highest [-]
 
     def __post_init__(self) -> None:
-        if not 0 <= self.warmup < 1:
-            raise InputError(
-                f"trainer.schedule.warmup={self.warmup}: must be 0 or more and below 1; "
-                "set trainer.schedule.warmup"
-            )
+        require(self, 0.0, 0.99, warmup=self.warmup)  # of all of it nothing would be left to fall in
+        require(self, 0.0, 1.0, start=self.start, end=self.end)
 
     def factor(self, progress: float) -> float:
         """Share of the highest rate when a share ``progress`` of the training is done."""

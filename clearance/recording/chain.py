@@ -13,7 +13,18 @@ import numpy as np
 
 from clearance.errors import InputError
 from clearance.mechanism.parameters import require
+from clearance.recording.recording import RATE_LIMITS
 from clearance.simulation.decimation import Decimation
+
+CHAIN_LIMITS: Mapping[str, tuple[float, float, str]] = {
+    "base_rate": (RATE_LIMITS[0], 1e7, "Hz"),
+    "decimation": (1, 200, ""),
+    "filter_order": (2, 12, ""),
+    "ripple_db": (1e-6, 3.0, "dB"),
+    "cutoff": (0.05, 0.95, "of the Nyquist frequency after decimation"),
+}
+"""Least and largest value of each key of a chain, simulated or declared, and its unit."""
+WHOLE = ("decimation", "filter_order")
 
 
 @dataclass(frozen=True)
@@ -38,16 +49,13 @@ class MeasurementChain:
     cutoff: float = 0.8
 
     def __post_init__(self) -> None:
-        require(self, 1e3, 1e7, base_rate=self.base_rate)
-        require(self, 1, 200, whole=True, decimation=self.decimation)
-        require(self, 2, 12, whole=True, filter_order=self.filter_order)
+        for name, (low, high, _) in CHAIN_LIMITS.items():
+            require(self, low, high, whole=name in WHOLE, **{name: getattr(self, name)})
         if self.filter_order % 2:
             raise InputError(
                 f"chain.filter_order = {self.filter_order} is odd: an even number is needed; "
                 "change chain.filter_order"
             )
-        require(self, 0.0, 3.0, strict=True, ripple_db=self.ripple_db)
-        require(self, 0.05, 0.95, cutoff=self.cutoff)
 
     @property
     def rate(self) -> float:

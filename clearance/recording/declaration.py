@@ -26,6 +26,7 @@ import yaml
 
 from clearance.errors import InputError
 from clearance.recording.bounds import bounded, listing, resembling
+from clearance.recording.chain import CHAIN_LIMITS, WHOLE, MeasurementChain
 from clearance.recording.channels import TIME, require_channel, si_factor
 from clearance.recording.recording import RATE_LIMITS
 from clearance.recording.sensors import SensorChain, declared_sensor
@@ -34,14 +35,6 @@ from clearance.whole_files import write_yaml
 KEYS = ("columns", "ignore", "units", "scale", "rate", "sensors", "chain", "metadata")
 SUFFIXES = (".yaml", ".yml")
 _LARGEST = 2**20  # bytes: a declaration is a page of text; more is some other file
-_CHAIN_LIMITS: Mapping[str, tuple[float, float, str]] = {
-    "base_rate": (20.0, 1e9, "Hz"),
-    "decimation": (1, 1e6, ""),
-    "filter_order": (1, 64, ""),
-    "ripple_db": (1e-6, 20.0, "dB"),
-    "cutoff": (1e-3, 1.0, "of the new Nyquist frequency"),
-}
-_WHOLE = ("decimation", "filter_order")
 
 
 @dataclass(frozen=True)
@@ -164,21 +157,22 @@ def _sensors(content: Mapping[str, Any]) -> dict[str, dict[str, float]]:
 
 
 def _chain(content: Mapping[str, Any]) -> dict[str, float]:
-    unknown = [key for key in content if key not in _CHAIN_LIMITS]
+    unknown = [key for key in content if key not in CHAIN_LIMITS]
     if unknown:
         raise InputError(
-            f"chain: unknown key {unknown[0]!r}{resembling(unknown[0], _CHAIN_LIMITS)}; "
-            f"allowed keys are {listing(_CHAIN_LIMITS)}"
+            f"chain: unknown key {unknown[0]!r}{resembling(unknown[0], CHAIN_LIMITS)}; "
+            f"allowed keys are {listing(CHAIN_LIMITS)}"
         )
-    chain: dict[str, float] = {}
+    chain: dict[str, Any] = {}
     for key, value in content.items():
-        low, high, unit = _CHAIN_LIMITS[key]
+        low, high, unit = CHAIN_LIMITS[key]
         number = bounded(value, f"chain.{key}", low, high, unit)
-        if key in _WHOLE and number != int(number):
+        if key in WHOLE and number != int(number):
             raise InputError(
                 f"chain.{key}: {number:g} is not whole; give a whole number from {low:g} to {high:g}"
             )
-        chain[key] = int(number) if key in _WHOLE else number
+        chain[key] = int(number) if key in WHOLE else number
+    MeasurementChain(**chain)  # an odd order is refused
     return chain
 
 

@@ -70,6 +70,19 @@ def write(
     write_atomically(target, lambda file: file.write_bytes(content))
 
 
+def recordings_in(folder: Path, key: str) -> list[Path]:
+    """Return the recordings in a folder, by name; hidden files are some program's own.
+
+    Raises:
+        InputError: it has none; `key` is what named the folder.
+    """
+    inside = sorted(file for file in folder.iterdir() if file.suffix.lower() in FORMATS)
+    found = [file for file in inside if file.is_file() and not file.name.startswith(".")]
+    if not found:
+        raise InputError(f"{key}: no recording in the folder {folder}; recordings end in {listing(FORMATS)}")
+    return found
+
+
 def _require_readable(source: Path) -> None:
     if source.is_dir():
         raise InputError(f"{source}: is a folder; name a file in it that ends in {listing(FORMATS)}")

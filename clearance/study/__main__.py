@@ -38,8 +38,9 @@ def main(cfg: DictConfig) -> None:
     scale = str(HydraConfig.get().runtime.choices["scale"])
     order = stages([trainings_of(str(name)) for name in cfg.experiments])
     arguments = list(map(str, cfg.arguments))
-    recorded = _recorded(Path(cfg.folder), Path(cfg.pictures) / RECORD, (f"scale={scale}", *arguments))
-    runner = Runner(Path(cfg.folder), scale, arguments, budget, cfg.parallel, recorded)
+    folder, record = Path(str(cfg.folder)), Path(str(cfg.pictures)) / RECORD
+    recorded = _recorded(folder, record, (f"scale={scale}", *arguments))
+    runner = Runner(folder, scale, arguments, budget, cfg.parallel, recorded)
     every = [training for stage in order for batch in stage for training in batch.trainings]
     log.info(
         "%d of %d trainings at scale %s are finished", sum(map(runner.finished, every)), len(every), scale

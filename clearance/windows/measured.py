@@ -2,6 +2,7 @@
 
 import csv
 import hashlib
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,11 +33,12 @@ class MeasuredSource(FixedSource):
 
     def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Read every file of the list."""
-        entries = _entries(Path(self.path))
+        listed = Path(str(self.path))  # a name of digits alone is a number
+        entries = _entries(listed)
         signals, rates, chains, places = [], [], [], []
         digest, used = hashlib.sha256(), 0
         for entry in entries:
-            file = Path(self.path).parent / str(entry["path"])
+            file = listed.parent / str(entry["path"])
             recording = self.read(file)
             try:
                 signals.append(corrected(recording).select(channels).values.astype(np.float32))
@@ -102,6 +104,12 @@ def _entries(path: Path) -> list[dict[str, Any]]:
         isinstance(entries, list) and entries and all(isinstance(e, dict) and e.get("path") for e in entries)
     ):
         raise InputError(f"{path}: must be a list of entries, each with a path; set data.source.path")
+    name, times = Counter(str(entry["path"]) for entry in entries).most_common(1)[0]
+    if times > 1:
+        raise InputError(
+            f"{path}: {name} occurs {times} times: a model might be tested on what it was trained on; "
+            "leave one entry in the list"
+        )
     return entries
 
 

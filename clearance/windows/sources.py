@@ -110,7 +110,7 @@ class StoredSource(FixedSource):
 
     def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Read every run that is stored and finite."""
-        dataset = Dataset.open(self.path)
+        dataset = Dataset.open(str(self.path))
         missing = [run for run in dataset.missing() if self.runs is None or run < self.runs]
         if missing:
             log.warning(
@@ -144,7 +144,7 @@ class SimulatedSource(FixedSource):
 
     @property
     def _path(self) -> Path:
-        return Path(self.folder) / self.simulation.fingerprint
+        return Path(str(self.folder)) / self.simulation.fingerprint
 
 
 @dataclass
@@ -152,8 +152,8 @@ class StreamingSource:
     """Freshly simulated training runs every epoch; validation and test runs stay the same.
 
     Simulating is cheaper than training, so a training run need never be seen twice. Epochs -1 and -2 are the
-    validation and the test runs: no training epoch repeats them. A run that fails leaves its place to the run
-    that was there before.
+    validation and the test runs: no training epoch repeats them. A run that fails leaves its place to another
+    of its epoch, so that an epoch's recordings do not depend on where a training was resumed.
     """
 
     simulation: Campaign
@@ -200,15 +200,25 @@ class StreamingSource:
         return Split(*np.split(np.arange(len(recordings.lengths)), np.cumsum(self._sizes[:2])))
 
     def refresh(self, recordings: LabelledRecordings, epoch: int) -> Sequence[int]:
-        """Overwrite the training runs in place."""
+        """Overwrite the training runs in place.
+
+        Raises:
+            InputError: all runs of the epoch became non-finite.
+        """
         if epoch == self._epoch:
             return ()
         signals, labels = self._fresh(self.runs, epoch)
-        replaced = range(min(len(signals), self._sizes[0]))
+        if not signals:
+            raise InputError(
+                f"data=streaming: all of {self.runs} runs of epoch {epoch + 1} became non-finite; set "
+                "integrator.step, or another machine"
+            )
+        replaced = range(self._sizes[0])
         for index in replaced:
-            recordings.recording(index)[:] = signals[index]
-        recordings.target[: len(replaced)] = labels[: len(replaced), self._labels]
-        recordings.speed[: len(replaced)] = labels[: len(replaced), LABELS.index("speed")]
+            run = index % len(signals)
+            recordings.recording(index)[:] = signals[run]
+            recordings.target[index] = labels[run, self._labels]
+            recordings.speed[index] = labels[run, LABELS.index("speed")]
         self._epoch = epoch
         return replaced
 

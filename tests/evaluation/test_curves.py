@@ -38,6 +38,11 @@ def test_a_curve_takes_trainings_of_the_same_recipe_from_wherever_they_are():
     ]
 
 
+def test_of_several_seeds_a_curve_does_not_take_the_best():
+    lucky = row("quick", 300, 0.5) | {"seed": 43}
+    assert curves.by_window([lucky, *ROWS]) == curves.by_window(ROWS)
+
+
 def test_tables_and_picture_are_in_the_report(tmp_path):
     write_results(tmp_path / "none", tmp_path / "R.md", tmp_path / "pictures", {}, ROWS)
     text = (tmp_path / "R.md").read_text()

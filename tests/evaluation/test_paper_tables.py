@@ -74,6 +74,13 @@ def test_models_are_compared_by_both_tests(reduced):
     assert lines[2].endswith("| < 0.001 | < 0.001 | < 0.001 | yes |")
 
 
+def test_the_correction_is_by_the_shares_of_the_trainings_that_are_compared(reduced, tmp_path):
+    finish(tmp_path, Training(Setting("gru", joint="B"), 98, 42), 0.4, "data.split.train=0.4")
+    found = collected(tmp_path) | collected(reduced)
+    planned = trainings_of("table6")
+    assert comparisons("table6", planned, found) == comparisons("table6", planned, collected(reduced))
+
+
 def test_what_is_reduced_is_told_from_the_configurations(reduced):
     different = reductions(finished_trainings(reduced))
     assert different["runs", "150", "1000"] == {"lstm", "tdnn"}

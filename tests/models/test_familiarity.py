@@ -38,6 +38,14 @@ def test_familiar_recordings_are_rarely_refused(familiarity, samples):
     assert refused < 0.05 + 3 * np.hypot(0.022, 0.013)
 
 
+@pytest.mark.parametrize("samples", [200, 2000])
+def test_of_the_recordings_that_set_the_limit_just_the_stated_share_is_beyond_it(samples):
+    rng = np.random.default_rng(6)
+    training, own = recordings(rng, 150), recordings(rng, 100)
+    known = Familiarity.calibrate(CHANNELS, (True, True), RATE, LENGTH, training, own, false_rejection=0.05)
+    assert sum(not known.judge(r[:samples])[0] for r in own) == 4  # the limit is the 96th of 100 distances
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -42,6 +42,47 @@ class Knowing:
         return windows.target.double().numpy() - np.array([0.1, 0.0])
 
 
+class Mistaken:
+    """Gives the true clearances of the windows; of some recordings too much by a tenth of the range."""
+
+    def __init__(self, recordings):
+        self.recordings = recordings
+
+    def predict(self, windows):
+        off = np.isin(windows.recording.numpy(), self.recordings)
+        return windows.target.double().numpy() + 0.1 * off[:, None]
+
+
+def test_intervals_are_of_the_test_recordings_floor_and_thresholds_of_the_validation_ones(make_data):
+    data = make_data(runs=60, targets=BOTH)
+    exact, on_validation, on_test = (
+        Gauge.calibrate(Mistaken(part), data, 0.8, 0.05, 1e-3)
+        for part in ([], data.parts.validation, data.parts.test)
+    )
+    off = 0.1 * np.subtract(data.scalers.target.high, data.scalers.target.low)
+    assert [one.floor for one in on_validation.intervals] == pytest.approx(off, rel=1e-3)
+    assert [one.quantiles[-1] for one in on_validation.intervals] == pytest.approx([0.0, 0.0], abs=1e-3)
+    assert on_validation.thresholds != exact.thresholds
+    assert [one.floor for one in on_test.intervals] == [1e-9, 1e-9]  # the least
+    assert [1e-9 * one.quantiles[-1] for one in on_test.intervals] == pytest.approx(off, rel=1e-3)
+    assert on_test.thresholds == exact.thresholds
+
+
+def test_limits_of_trust_are_of_the_test_recordings_and_what_is_familiar_of_the_training_ones(
+    make_data, chirps
+):
+    def louder(side):
+        source = chirps(60)
+        source.spoil = lambda recordings, parts: [
+            np.multiply(one, 3.0, out=one) for one in map(recordings.recording, getattr(parts, side))
+        ]
+        return Gauge.calibrate(Mistaken([]), make_data(source=source), 0.8, 0.05, 1e-3).familiarity
+
+    plain, other = louder("validation"), louder("test")
+    assert np.array_equal(plain.references, other.references)
+    assert min(other.limits) > max(plain.limits)
+
+
 def test_shares_and_errors_are_those_of_the_recordings(make_data):
     data = make_data(runs=60, targets=BOTH)
     gauge = Gauge.calibrate(Knowing(), data, 0.8, 0.05, 1e-3)

@@ -160,6 +160,14 @@ def test_training_stops_when_validation_does_not_improve(make_data, open_run):
         assert torch.equal(weight, again.net.state_dict()[name]), name
 
 
+def test_a_model_that_leaves_the_gpu_alone_does_so_when_it_predicts(make_data, monkeypatch):
+    estimator, windows = configured("lstm"), make_data().test_windows()  # trainer.accelerator=cpu
+    estimator._build(2, 60, 1)
+    expected = estimator.predict(windows)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert np.array_equal(estimator.predict(windows), expected)
+
+
 def test_fold_must_divide_the_window():
     with pytest.raises(InputError, match=r"model\.net\.fold=7"):
         configured("lstm", "model.net.fold=7")._build(2, 60, 1)
@@ -168,6 +176,13 @@ def test_fold_must_divide_the_window():
 def test_the_width_of_a_block_is_odd():
     with pytest.raises(InputError, match=r"model\.net\.width=4: must be odd"):
         configured("tcn", "model.net.width=4")._build(2, 60, 1)
+
+
+def test_what_a_network_cannot_read_shows_before_there_are_data(make_data):
+    data = make_data()
+    configured("tcn").check(data)
+    with pytest.raises(InputError, match=r"model\.net: .*stride.*; change model\.net"):
+        configured("tcn", "model.net.stem_stride=0").check(data)
 
 
 def test_folding_keeps_every_sample():

@@ -98,6 +98,9 @@ def test_an_empty_declaration_declares_nothing(csv):
         ({"sensors": {"crank_angle": {"mounting_angle": 9}}}, "only accelerations have a mounting angle"),
         ({"chain": {"order": 8}}, "chain: unknown key 'order'; .*filter_order"),
         ({"chain": {"filter_order": 7.5}}, "chain.filter_order: 7.5 is not whole"),
+        ({"chain": {"filter_order": 7}}, "chain.filter_order = 7 is odd"),
+        ({"chain": {"decimation": 201}}, "chain.decimation: 201 is out of range; .* from 1 to 200"),
+        ({"chain": {"cutoff": 1.0}}, "chain.cutoff: 1 of the Nyquist .* is out of range; .* 0.05 to 0.95"),
         (
             {"chain": {"base_rate": 1e5, "decimation": 10}},
             "decimation is 10000 Hz, the recording has 1000 Hz",

@@ -13,6 +13,7 @@ from clearance.errors import InputError
 from clearance.recording.files import write
 from clearance.recording.recording import Recording
 from clearance.recording.synthesis import Campaign
+from clearance.windows.sources import StoredSource
 from tests.command_line import SMALL, TREES, call
 
 RUNS = 6
@@ -115,6 +116,13 @@ def test_what_is_wrong_with_a_recording_of_a_list_names_its_file(measured, campa
         loaded("data=measured", f"data.source.path={wrong}")
 
 
+def test_a_recording_that_is_listed_twice_is_refused(measured):
+    wrong = measured.with_name("twice.csv")
+    wrong.write_text(measured.read_text() + "\n3.parquet,0,1e-4,60,\n")
+    with pytest.raises(InputError, match=r"twice\.csv: 3\.parquet occurs 2 times: .*; leave one entry"):
+        loaded("data=measured", f"data.source.path={wrong}")
+
+
 def test_a_speed_that_is_no_number_is_named(measured):
     wrong = measured.with_name("speeds.csv")
     wrong.write_text("path,clearance_c,speed\n0.parquet,1e-4,600 rpm\n")
@@ -137,6 +145,38 @@ def test_streamed_training_runs_change_every_epoch_and_others_do_not(campaign):
     np.testing.assert_array_equal(later.signals[training.stop :], signals[training.stop :])
     assert not np.array_equal(later.target, targets)
     np.testing.assert_array_equal(data.validation_windows().target, first["validation"].target)
+
+
+def test_what_an_epoch_streams_does_not_depend_on_the_epochs_before(monkeypatch):
+    whole = Campaign.fresh
+
+    def one_fails(self, runs, epoch):
+        signals, labels = whole(self, runs, epoch)
+        return (signals[1:], labels[1:]) if epoch == 2 else (signals, labels)
+
+    monkeypatch.setattr(Campaign, "fresh", one_fails)
+    through, resumed = (loaded("data=streaming", "runs=3", "data.source.held_out=1") for _ in range(2))
+    for epoch in (1, 2):
+        last = through.training_windows(epoch)
+    first = resumed.training_windows(2)
+    np.testing.assert_array_equal(last.target, first.target)
+    np.testing.assert_array_equal(last.signals, first.signals)
+    assert len(np.unique(first.target)) == 2
+
+
+def test_streamed_runs_that_all_fail_in_a_later_epoch_are_one_line(monkeypatch):
+    data = loaded("data=streaming", "runs=3", "data.source.held_out=1")
+    monkeypatch.setattr(Campaign, "fresh", lambda self, runs, epoch: ([], np.empty((0, 3))))
+    with pytest.raises(InputError, match=r"all of 3 runs of epoch 2 became non-finite"):
+        data.training_windows(1)
+
+
+def test_samples_before_the_start_time_are_left_out(stored):
+    asked = (stored.channels, ("clearance_c",), 2**30)
+    whole, later = (StoredSource(str(stored.path), start).load(*asked) for start in (0.1, 0.15))
+    np.testing.assert_array_equal(later.recording(2), whole.recording(2)[500:])  # 0.05 s at 10 kHz
+    with pytest.raises(InputError, match=r"start_time=0\.3 s: the data set ends at 0\.3"):
+        StoredSource(str(stored.path), 0.3).load(*asked)
 
 
 def test_streamed_runs_that_all_fail_are_one_line(monkeypatch):
@@ -199,16 +239,17 @@ def test_a_gauge_remembers_where_the_sensors_of_its_training_were(overrides, pla
 def test_where_the_sensors_of_a_list_are_is_what_all_its_recordings_declare(measured, campaign):
     own = measured.with_name("places.csv")
     rows = measured.read_text().splitlines()
-    places = ({"rod_b_axial": 0.0, "rod_c_axial": 0.1}, {"rod_c_axial": 0.1}, {"rod_c_axial": 0.12})
+    places = RUNS // 2 * [{"rod_b_axial": 0.0, "rod_c_axial": 0.1}, {"rod_c_axial": 0.1}]
+    places.append({"rod_c_axial": 0.12})
     for run, declared in enumerate(places):
         path = measured.with_name(f"placed-{run}.parquet")
         write(campaign.recording(run), path)
         sensors = {name: {"position": place} for name, place in declared.items()}
         path.with_suffix(".yaml").write_text(json.dumps({"sensors": sensors}))
-    listed = [f"placed-{run % 2}.parquet,0,{1e-4 * (run + 1)},60," for run in range(RUNS)]
+    listed = [f"placed-{run}.parquet,0,{1e-4 * (run + 1)},60," for run in range(RUNS)]
     own.write_text("\n".join([rows[0], *listed]))
     assert loaded("data=measured", f"data.source.path={own}").recordings.positions == {"rod_c_axial": 0.1}
-    own.write_text("\n".join([rows[0], *listed, "placed-2.parquet,0,1e-4,60,"]))
+    own.write_text("\n".join([rows[0], *listed, f"placed-{RUNS}.parquet,0,1e-4,60,"]))
     with pytest.raises(InputError, match=r"sensor rod_c_axial at 0\.1 m and at 0\.12 m: one common place"):
         loaded("data=measured", f"data.source.path={own}")
 

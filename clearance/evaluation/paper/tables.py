@@ -92,7 +92,7 @@ def comparisons(experiment: str, planned: Sequence[Training], found: Mapping[Tra
                 {(t.split_seed, t.seed): value(found[t].metrics) for t in tested if t.setting == setting}
                 for setting in (one, other)
             ]
-            compared = compare(values[0], values[1], next(iter(found.values())).test_to_training)
+            compared = compare(values[0], values[1], found[tested[0]].test_to_training)
             if compared:
                 names = (row_name(experiment, setting) for setting in (one, other))
                 pairs.append((" - ".join(names), head, compared))
