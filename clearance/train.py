@@ -33,6 +33,8 @@ def main(cfg: DictConfig) -> float | None:
     """Prepare the data, train, calibrate on the test recordings, judge, save; return the validation NMAE."""
     each = [cfg] if cfg.seeds is None else [of_seed(cfg, seed) for seed in different(cfg.seeds)]
     # Everything is checked before anything is written or computed.
+    if not isinstance(cfg.resume, bool):
+        raise InputError(f"resume = {cfg.resume!r} is neither true nor false; change resume")
     asked = {one.split("=")[0].lstrip("+") for one in HydraConfig.get().overrides.task}
     if "runs" in asked and "simulation" not in cfg.data.source:
         raise InputError(

@@ -137,6 +137,12 @@ def test_simulate_with_other_settings_names_them(refused, campaign, tmp_path):
         ("trainer.epochs=0", r"epochs = 0 is outside \[1, 1e\+06\]; change trainer.epochs"),
         ("trainer.threads=0", r"threads = 0 is outside \[1, 1024\]; change trainer.threads"),
         ("trainer.schedule.warmup=1", r"warmup = 1 is outside \[0, 0.99\]; change trainer.schedule.warmup$"),
+        ("trainer.schedule=null", r"trainer.schedule = null: a training needs one; change trainer.schedule$"),
+        (
+            "trainer.progress=no",
+            "trainer.progress = 'no' is neither true nor false; change trainer.progress$",
+        ),
+        ("resume=no", "resume = 'no' is neither true nor false; change resume$"),
         ("trainer.schedule.warmup=abc", "warmup = 'abc' is not a number; change trainer.schedule.warmup$"),
         ("+trainer.schedule.end=2", r"end = 2 is outside \[0, 1\]; change trainer.schedule.end$"),
         ("begin=1", "begin=1: no finished training there"),

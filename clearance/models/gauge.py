@@ -1,5 +1,6 @@
 """A trained estimator as an instrument: from a recording to clearances, their intervals and trust."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,8 @@ from clearance.windows.scaling import Scalers
 from clearance.windows.sources import SAME_RATE
 from clearance.windows.window_set import WindowSet
 from clearance.windows.windowing import RegularWindows
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,13 @@ class Gauge:
             limit: Largest clearance the gauge is made for [m]; that of the data where it is larger.
         """
         scalers, recordings = data.scalers, data.recordings
+        tests, machines = len(data.parts.test), len(np.unique(recordings.groups[data.parts.test]))
+        if machines < tests:
+            log.warning(
+                "the interval is calibrated on %d recordings of %d machines as if each were of another one: "
+                "on a machine that is not among them it holds less often than %.0f %% of the time",
+                tests, machines, 100.0 * coverage,
+            )  # fmt: skip
         limit = max(limit, float(recordings.target.max()))
         validation, test = (
             by_recording(estimate_windows(estimator, scalers, part), part, recordings.target)

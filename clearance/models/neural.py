@@ -65,6 +65,13 @@ class Training:
         for name in ("devices", "threads"):
             if getattr(self, name) is not None:
                 require(self, 1, 1024, whole=True, **{name: getattr(self, name)})
+        if not isinstance(self.progress, bool):
+            raise InputError(
+                f"trainer.progress = {self.progress!r} is neither true nor false; change trainer.progress"
+            )
+        for name in ("loss", "schedule"):
+            if getattr(self, name) is None:
+                raise InputError(f"trainer.{name} = null: a training needs one; change trainer.{name}")
         rate = getattr(self.optimizer, "keywords", {}).get("lr", 0.0)
         if isinstance(rate, bool) or not isinstance(rate, int | float):
             raise InputError(f"lr = {rate!r} is not a number; change trainer.optimizer.lr")
