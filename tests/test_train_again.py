@@ -30,7 +30,8 @@ def test_training_anew_once_does_not_spoil_later_plain_runs(trained, tmp_path, m
     anew = metrics.stat().st_mtime_ns
     assert anew > begin
     assert not measured.exists()  # it was of other weights
-    assert call(monkeypatch, capfd, "train", *TREES, "hydra.run.dir=run", "trainer.progress=false")[0] == 0
+    elsewhere = ("trainer.progress=false", "trainer.threads=1", "data.memory_gib=3")
+    assert call(monkeypatch, capfd, "train", *TREES, "hydra.run.dir=run", *elsewhere)[0] == 0
     assert metrics.stat().st_mtime_ns == anew
 
 

@@ -23,7 +23,8 @@ HARDWARE = (
     "trainer.threads", "trainer.progress", "trainer.accelerator", "trainer.devices", "model.jobs",
     "model.device", "campaign.device", "data.memory_gib", "data.source.folder",
 )  # fmt: skip
-"""Keys of what computes a training, and of where its data lie: they do not decide what is learnt."""
+"""Keys of what computes a training, and of where its data lie: they decide its last digits at most."""
+_COMPUTING = frozenset(key.rpartition(".")[2] for key in HARDWARE)  # copied to where they are used
 _ASKED = ("experiment", "overrides", "folder", "resume")  # how a training was asked for: does not change it
 _OUTDATED = (
     METRICS, "model.*", "scalers.json", "calibration.json", "fresh.json", "perturbed.json",
@@ -145,13 +146,13 @@ def _flat(config: dict[str, Any], before: str = "") -> dict[str, Any]:
 
 
 def _task(config: dict[str, Any]) -> dict[str, Any]:
-    """A configuration without what does not change its training; what is null as if it were not there."""
+    """A configuration without what does not decide its training; what is null as if it were not there."""
     return _named({key: value for key, value in config.items() if key not in _ASKED})
 
 
 def _named(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _named(one) for key, one in value.items() if one is not None and key != "progress"}
+        return {key: _named(one) for key, one in value.items() if one is not None and key not in _COMPUTING}
     return [_named(one) for one in value] if isinstance(value, list) else value
 
 

@@ -65,11 +65,12 @@ class MeasuredSource(FixedSource):
         clearances = np.array([[_number(entry, name, self.path) for name in targets] for entry in entries])
         names = [_group(entry, number) for number, entry in enumerate(entries)]
         digest.update(clearances.tobytes() + repr(names).encode())
+        lengths = np.array([len(one) for one in signals])
         return LabelledRecordings(
             channels=tuple(channels),
             rate=rate,
-            signals=np.concatenate(signals),
-            lengths=np.array([len(s) for s in signals]),
+            signals=_joined(signals),
+            lengths=lengths,
             target=clearances,
             speed=np.array([_speed(entry, self.path) for entry in entries]),
             groups=np.unique(names, return_inverse=True)[1],
@@ -77,6 +78,17 @@ class MeasuredSource(FixedSource):
             chain=chains[0],
             positions=_common(places, self.path),
         )
+
+
+def _joined(signals: list[np.ndarray]) -> np.ndarray:
+    """One recording behind the other, (samples, channels); empties the list, so that no two copies exist."""
+    whole = np.empty((sum(map(len, signals)), signals[0].shape[1]), dtype=np.float32)
+    end = len(whole)
+    while signals:
+        last = signals.pop()
+        whole[end - len(last) : end] = last
+        end -= len(last)
+    return whole
 
 
 def _common(places: Sequence[Mapping[str, float]], path: str) -> dict[str, float]:
