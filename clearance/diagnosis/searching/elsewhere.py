@@ -35,15 +35,23 @@ _RESISTING = (1.0, 0.2, 5.0, 0.03)  # N s/m in the middle of the gap, from which
 _RUBBING = (0.1, 0.25, 0.03)  # coefficients from which a table of friction begins
 
 
-def begin_elsewhere(search: Search, explanation: Explanation, base: Attempt) -> None:
+def begin_elsewhere(
+    search: Search, explanation: Explanation, base: Attempt, clearance: float | None = None
+) -> None:
     """Fit effects that add coordinates or change much at once, from plausible sizes, beside ``base``.
 
     No linear look at a path without them can judge them. They are tried on one recording; the best are
     fitted to all.
+
+    Args:
+        search: after its nominal stage.
+        explanation: added to.
+        base: attempt beside which they are fitted.
+        clearance: from which they are tried [m]; that of ``base`` if ``None``.
     """
     tried = (DRIVE,) if base is explanation.nominal and base.misfit > FAR else ()  # in ``begin_plausible``
     groups = [g for g in _judged_elsewhere(search.others(base)) if g[0].name not in tried]
-    _try_out(search, explanation, base, groups, None)
+    _try_out(search, explanation, base, groups, clearance)
 
 
 def begin_sure(search: Search, explanation: Explanation) -> None:
