@@ -96,9 +96,9 @@ def noise_gain(rate: float, resonance: ArrayLike, damping_ratio: ArrayLike) -> F
 
 def _inverse_resonance(ratio: FloatArray, damping_ratio: FloatArray) -> NDArray[np.complex128]:
     """Of a second-order response at these ratios of frequency to its natural one, of bounded size."""
-    inverse = 1.0 - ratio**2 + 2j * damping_ratio * ratio
-    bounded: NDArray[np.complex128] = inverse / np.maximum(1.0, np.abs(inverse) / _AMPLIFICATION)
-    return bounded
+    inverse = np.asarray(1.0 - ratio**2 + 2j * damping_ratio * ratio, dtype=np.complex128)
+    inverse /= np.maximum(1.0, np.abs(inverse) / _AMPLIFICATION)
+    return inverse
 
 
 def _continued(signals: FloatArray) -> FloatArray:
