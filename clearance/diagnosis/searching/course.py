@@ -14,6 +14,7 @@ from clearance.diagnosis.searching.elsewhere import (
     begin_plausible,
     rhythm_of,
 )
+from clearance.diagnosis.searching.everywhere import between
 from clearance.diagnosis.searching.explanation import Explanation, Suspected
 from clearance.diagnosis.searching.free_search import (
     fit_curve,
@@ -50,7 +51,6 @@ _HALF = 0.5  # of what is missing: a named force that leaves less may stand for 
 _FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
 _MANY, _ACCUSED = 7, 0.4  # channels of which one can be spared; left of the motion's disagreement without it
 _PAIRS = 3  # pairs that are fitted
-_LED_AWAY = 1.03  # times the one clearance: the other begins another path
 
 
 def search_all(
@@ -234,11 +234,11 @@ class Course:
             self.explored = True
             begin_elsewhere(self.search, self.explanation, self.nominal)
 
-    def elsewhere_by_motion(self) -> None:
-        """The same from the clearance of the motion, where what is missing has led the nominal one away."""
-        shown, fitted = self.search.profile.best, self.nominal.fit.values[0, 0]
-        if max(shown, fitted) > _LED_AWAY * min(shown, fitted) and not self._settled():
-            begin_elsewhere(self.search, self.explanation, self.nominal, shown)
+    def elsewhere_between(self) -> None:
+        """The same from a clearance between the motion's and the nominal one, if these differ."""
+        clearance = between(self.search.profile.best, self.nominal.fit.values[0, 0])
+        if clearance is not None and not self._settled():
+            begin_elsewhere(self.search, self.explanation, self.nominal, clearance)
 
     def share(self) -> None:
         """Beside what explains a share only."""
@@ -354,7 +354,7 @@ STEPS: tuple[Callable[[Course], None], ...] = (
     Course.build_on, Course.balance_near, Course.inside, Course.likely, Course.build_on, Course.reshaped,
     Course.plausible, Course.build_on, Course.unlikely, Course.build_on, Course.curve, Course.elsewhere,
     Course.build_on, Course.share, Course.unlikely_faults, Course.build_on, Course.pair, Course.build_on,
-    Course.elsewhere_by_motion, Course.build_on, Course.other_curve, Course.again, Course.build_on,
+    Course.elsewhere_between, Course.build_on, Course.other_curve, Course.again, Course.build_on,
 )  # fmt: skip
 """What is likely and cheap first, what is rare and dear last; what explains a part is built on at once."""
 

@@ -10,7 +10,7 @@ from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.searching.balance import Suggested, settle_in, suggest_forces
 from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, NEARLY_ALL, SHARED
 from clearance.diagnosis.searching.elsewhere import begin_again
-from clearance.diagnosis.searching.everywhere import fit_from
+from clearance.diagnosis.searching.everywhere import between, fit_from
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.tables import place_jumps, refine_table
@@ -270,8 +270,15 @@ def _follow(
     search.report(f"  {one.label} = {shown} goes with a clearance of {settled.clearance * 1e3:.3f} mm")
     # a moment is known least where it is largest, since it does no work there
     insist = 2 if one.curve is not None and one.curve.body == "rod" else 1
-    with search.timed(one.rhythm):
-        return fit_from(
-            search, explanation, explanation.nominal, [*held, *one.hypotheses],
-            np.append(sizes, settled.values), settled.clearance, anew=True, insist=insist,
-        )  # fmt: skip
+    nominal, found = explanation.nominal, None
+    middle = between(settled.clearance, nominal.fit.values[0, 0])
+    for clearance in dict.fromkeys([settled.clearance, middle or settled.clearance]):
+        with search.timed(one.rhythm):
+            again = fit_from(
+                search, explanation, nominal, [*held, *one.hypotheses], np.append(sizes, settled.values),
+                clearance, anew=True, insist=insist,
+            )  # fmt: skip
+        found = again if found is None or (again is not None and again.misfit < found.misfit) else found
+        if search.late() or (found is not None and found.misfit < HALFWAY * nominal.misfit):
+            break
+    return found

@@ -21,6 +21,12 @@ def pair(*names):
     return Balanced(hypotheses, np.ones(len(names)), 2.0, 3e-4)
 
 
+def nominal(misfit, clearance=3e-4):
+    one = attempt([], misfit)
+    one.fit.values = np.array([[clearance, 700.0]])
+    return one
+
+
 def table_on_slider(argument):
     return SimpleNamespace(
         name="free_form", label=f"free_form({argument})", body="slider", shapes=np.zeros(1, bool)
@@ -36,7 +42,7 @@ def follow(monkeypatch, suggested, fit, misfit, most):
         setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext(),
         profile=SimpleNamespace(best=3e-4),
     )  # fmt: skip
-    begin_balanced(search, Explanation(attempt([], misfit)), most)
+    begin_balanced(search, Explanation(nominal(misfit)), most)
 
 
 PAIRS = [
@@ -64,7 +70,7 @@ def test_pairs_are_followed_until_one_nearly_explains(monkeypatch, right, count)
     search = SimpleNamespace(
         setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext()
     )
-    begin_pairs(search, Explanation(attempt([], 1000.0)), PAIRS)
+    begin_pairs(search, Explanation(nominal(1000.0)), PAIRS)
     assert len(tried) == count
     assert tried[0] == {"slider_spring", "soft_drive"}
     assert all(one not in tried[:i] for i, one in enumerate(tried))
@@ -98,7 +104,7 @@ def test_beside_a_part_the_balance_of_work_is_asked_again(monkeypatch, misfit, f
         setting=setting, profile=SimpleNamespace(best=3e-4), late=lambda: False, report=lambda _: None,
         timed=lambda _: nullcontext(),
     )  # fmt: skip
-    begin_beside(search, Explanation(attempt([], 1000.0), [part]), part)
+    begin_beside(search, Explanation(nominal(1000.0), [part]), part)
     assert fitted == [["gravity", name] for name in expected]
     assert asked == ([("machine -9.9", True)] if expected else [])
 
@@ -216,7 +222,7 @@ def test_of_two_that_follow_nearly_each_is_tried_in_its_other_variants(monkeypat
     found = attempt(["soft_drive", "guide_friction"], 3.0)
     found.hypotheses = (variant("soft_drive", "gain"), friction[0])
     found.fit.values = np.array([[3e-4, 1.1, 0.2, 535.0], [3e-4, 1.1, 0.2, 920.0]])
-    explanation, asked = Explanation(attempt([], 100.0), [found]), []
+    explanation, asked = Explanation(nominal(100.0), [found]), []
 
     def refit(explanation, held, followers, values, scale):
         asked.append(([h.label for h in held], values.tolist()))
@@ -230,3 +236,30 @@ def test_of_two_that_follow_nearly_each_is_tried_in_its_other_variants(monkeypat
     labels = ["soft_drive(gain)", "guide_friction(viscous)"]
     assert asked == [(labels, [[3e-4, 1.1, 5.0, 535.0], [3e-4, 1.1, 5.0, 920.0]])]
     assert explanation.best is explanation.attempts[-1]  # which explains: no other two are tried
+
+
+@pytest.mark.parametrize(
+    ("fitted", "follows", "expected"),
+    [
+        (3.3e-4, None, [3e-4, np.sqrt(3.3e-4 * 3e-4)]),
+        (3.3e-4, 3e-4, [3e-4]),  # followed at once
+        (3.02e-4, None, [3e-4]),  # hardly another one
+        (5e-4, None, [3e-4]),  # another path
+    ],
+)
+def test_what_the_work_suggests_begins_between_two_clearances_where_it_is_not_followed(
+    monkeypatch, fitted, follows, expected
+):
+    tried = []
+
+    def fit(search, explanation, base, hypotheses, values, clearance, anew, insist):
+        tried.append(clearance)
+        return attempt(["torque_ripple"], 1.0 if clearance == follows else 900.0)
+
+    monkeypatch.setattr(from_work, "settle_in", lambda search, setting, one: one)
+    monkeypatch.setattr(from_work, "fit_from", fit)
+    search = SimpleNamespace(
+        setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext()
+    )
+    begin_pairs(search, Explanation(nominal(1000.0, fitted)), [pair("torque_ripple")])
+    assert tried == pytest.approx(expected)
