@@ -9,12 +9,12 @@ from clearance.diagnosis.hypotheses.free_form import Curve, unnamed
 from clearance.diagnosis.searching.beside import FAR, NEARLY, SHARED
 from clearance.diagnosis.searching.elsewhere import (
     begin_again,
+    begin_displaced_paths,
     begin_elsewhere,
     begin_inside,
     begin_plausible,
     rhythm_of,
 )
-from clearance.diagnosis.searching.everywhere import between
 from clearance.diagnosis.searching.explanation import Explanation, Suspected
 from clearance.diagnosis.searching.free_search import (
     fit_curve,
@@ -234,11 +234,10 @@ class Course:
             self.explored = True
             begin_elsewhere(self.search, self.explanation, self.nominal)
 
-    def elsewhere_between(self) -> None:
-        """The same from a clearance between the motion's and the nominal one, if these differ."""
-        clearance = between(self.search.profile.best, self.nominal.fit.values[0, 0])
-        if clearance is not None and not self._settled():
-            begin_elsewhere(self.search, self.explanation, self.nominal, clearance)
+    def displaced_paths(self) -> None:
+        """The same, and what acts inside the joint, from other clearances than the nominal one."""
+        if not self._settled():
+            begin_displaced_paths(self.search, self.explanation)
 
     def share(self) -> None:
         """Beside what explains a share only."""
@@ -354,7 +353,7 @@ STEPS: tuple[Callable[[Course], None], ...] = (
     Course.build_on, Course.balance_near, Course.inside, Course.likely, Course.build_on, Course.reshaped,
     Course.plausible, Course.build_on, Course.unlikely, Course.build_on, Course.curve, Course.elsewhere,
     Course.build_on, Course.share, Course.unlikely_faults, Course.build_on, Course.pair, Course.build_on,
-    Course.elsewhere_between, Course.build_on, Course.other_curve, Course.again, Course.build_on,
+    Course.displaced_paths, Course.build_on, Course.other_curve, Course.again, Course.build_on,
 )  # fmt: skip
 """What is likely and cheap first, what is rare and dear last; what explains a part is built on at once."""
 

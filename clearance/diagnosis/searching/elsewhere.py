@@ -12,7 +12,7 @@ from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Hypothesis
 from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching.beside import FAR, beside, enough
 from clearance.diagnosis.searching.edges import EDGED
-from clearance.diagnosis.searching.everywhere import astray, fit_everywhere, start_with
+from clearance.diagnosis.searching.everywhere import astray, between, fit_everywhere, start_with
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import FRAME, GEOMETRIC, LOOSE_GUIDE
 from clearance.diagnosis.searching.search import Search
@@ -52,6 +52,21 @@ def begin_elsewhere(
     tried = (DRIVE,) if base is explanation.nominal and base.misfit > FAR else ()  # in ``begin_plausible``
     groups = [g for g in _judged_elsewhere(search.others(base)) if g[0].name not in tried]
     _try_out(search, explanation, base, groups, clearance)
+
+
+def begin_displaced_paths(search: Search, explanation: Explanation) -> None:
+    """Fit what acts inside the joint from the motion's clearance, what no look can judge from one between.
+
+    Beside the nominal machine, which what is missing has led to another clearance.
+    """
+    nominal, shown = explanation.nominal, search.profile.best
+    middle = between(shown, nominal.fit.values[0, 0])
+    if middle is None:
+        return
+    if middle != shown:  # else it was begun from there
+        begin_inside(search, explanation, nominal, shown)
+    if not (explained(explanation.best) or search.late()):
+        begin_elsewhere(search, explanation, nominal, middle)
 
 
 def begin_sure(search: Search, explanation: Explanation) -> None:
@@ -144,18 +159,28 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
     _try_out(search, explanation, base, [*groups, *([] if explanation.balanced else drives)], None)
 
 
-def begin_inside(search: Search, explanation: Explanation, base: Attempt) -> None:
+def begin_inside(
+    search: Search, explanation: Explanation, base: Attempt, clearance: float | None = None
+) -> None:
     """Fit what acts inside the joint from plausible sizes beside ``base``, where that does not explain.
 
     Beside a path that is not right yet a linear look at impacts tells little of these: a film shows as a gap
     that is too small, and friction of 0.09 as one of 0.016, from where no way leads on. Where films or
     friction are not among the hypotheses, a resistance of free form is tried in the place of the nominal
     machine.
+
+    Args:
+        search: after its nominal stage.
+        explanation: added to.
+        base: attempt beside which they are fitted.
+        clearance: from which they are tried [m]; that of ``base`` if ``None``, or of the motion where they
+            mean two paths.
     """
     shown, joint, alone = search.profile.best, search.setting.joint, base is explanation.nominal
     if explained(base):
         return
-    clearance = shown if alone and astray(base.fit.values[0, 0], shown) else None
+    if clearance is None and alone and astray(base.fit.values[0, 0], shown):
+        clearance = shown
     others = search.others(base)
     groups = [[g[0]] for g in others if g[0].name in _INSIDE and _of_one_size(g[0])]
     films = [g for g in others if g[0].name == _FILM]

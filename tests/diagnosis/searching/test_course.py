@@ -20,8 +20,8 @@ from tests.diagnosis.judging.test_verdict import attempt
 
 @pytest.fixture(autouse=True)
 def still(monkeypatch):
-    """A frame that no sensor feels shaking, and no force that the balance names beside a part."""
-    for name in ("begin_frame", "begin_beside"):
+    """A frame that no sensor feels shaking, one clearance, no force that the balance names beside a part."""
+    for name in ("begin_frame", "begin_beside", "begin_displaced_paths"):
         monkeypatch.setattr(f"clearance.diagnosis.searching.course.{name}", lambda *_: None)
 
 

@@ -173,3 +173,31 @@ def test_plausible_sizes_are_tried_before_other_shapes_of_one():
     assert [one.start[0] for one in first] == [300.0, 800.0, 2000.0]
     assert len({one.start[1] for one in first}) == 1
     assert len(_of_other_sizes(group)) == len(group)
+
+
+@pytest.mark.parametrize(
+    ("shown", "inside", "expected"),
+    [
+        (4e-4, 2.0, [("inside", 4e-4), ("elsewhere", 4.2e-4)]),
+        (4e-4, 1.0, [("inside", 4e-4)]),  # which explains
+        (4.4e-4, 2.0, []),  # the same path
+        (2e-4, 2.0, [("elsewhere", 2e-4)]),  # two paths: what is inside was begun from the motion's
+    ],
+)
+def test_other_clearances_than_the_nominal_one_are_begun_from_at_last(monkeypatch, shown, inside, expected):
+    asked, nominal = [], attempt([], 50.0)
+    nominal.fit.values = np.array([[4.41e-4, 700.0]])
+    explanation = Explanation(nominal)
+
+    def begin_inside(search, explanation, base, clearance):
+        asked.append(("inside", clearance))
+        explanation.attempts.append(attempt(["joint_friction"], inside))
+
+    monkeypatch.setattr(elsewhere, "begin_inside", begin_inside)
+    monkeypatch.setattr(
+        elsewhere, "begin_elsewhere", lambda _, __, ___, clearance: asked.append(("elsewhere", clearance))
+    )
+    search = SimpleNamespace(profile=SimpleNamespace(best=shown), late=lambda: False)
+    elsewhere.begin_displaced_paths(search, explanation)
+    assert [name for name, _ in asked] == [name for name, _ in expected]
+    assert [at for _, at in asked] == pytest.approx([at for _, at in expected])

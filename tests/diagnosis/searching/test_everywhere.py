@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.searching import everywhere
-from clearance.diagnosis.searching.everywhere import fit_everywhere
+from clearance.diagnosis.searching.everywhere import between, fit_everywhere
 from clearance.errors import InputError
 from tests.diagnosis.judging.test_verdict import attempt
 
@@ -98,3 +98,11 @@ def test_what_an_earlier_look_has_found_stands_where_a_later_one_fails(monkeypat
     row = np.array([3e-4, 6e-5, 700.0])
     assert fit_everywhere(search, held, row, 0, attempt([], 100.0), anew=True) is first
     assert next(looks, None) is None
+
+
+@pytest.mark.parametrize(
+    ("shown", "fitted", "expected"),
+    [(4e-4, 4.04e-4, None), (4e-4, 4.41e-4, 4.2e-4), (4.41e-4, 4e-4, 4.2e-4), (4e-4, 6e-4, 4e-4)],
+)
+def test_between_two_clearances_that_differ_a_little_lies_their_mean(shown, fitted, expected):
+    assert between(shown, fitted) == (None if expected is None else pytest.approx(expected))
