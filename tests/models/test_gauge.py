@@ -45,14 +45,17 @@ def test_a_gauge_of_larger_clearances_than_the_configured_reaches_as_far_as_its_
     assert (one.low_m, one.high_m) == (0.0, max(data.recordings.target.max(), one.clearance_m))
 
 
-def test_of_how_many_machines_an_interval_knows_is_said(trained, caplog):
+def test_of_how_many_machines_an_interval_knows_is_said(trained, monkeypatch):
     gauge, data = trained
+    said: list[str] = []
+    monkeypatch.setattr("clearance.models.gauge.log.warning", lambda text, *of: said.append(text % of))
     tests = len(data.parts.test)
     data.recordings.groups[data.parts.test] = np.arange(tests) // 2  # two recordings of each machine
     machines = len(np.unique(data.recordings.groups[data.parts.test]))
     assert machines < tests
     Gauge.calibrate(gauge.estimator, data, coverage=0.8, false_rejection=0.05, limit=1e-3)
-    assert f"on {tests} recordings of {machines} machines" in caplog.text
+    assert len(said) == 1
+    assert f"on {tests} recordings of {machines} machines" in said[0]
 
 
 def test_a_recording_is_scaled_as_in_training(trained):
