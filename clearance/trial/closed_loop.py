@@ -231,7 +231,10 @@ def _table(force: Mapping[str, Any]) -> TabulatedForce:
 
 
 def _trained(one: Revealed, folder: Path, loop: Loop, report: Callable[[str], None]) -> dict[str, Path]:
-    """The folder of each estimator's training; what is not there is trained."""
+    """The folder of each estimator's training; what is not there is trained.
+
+    A machine that the diagnosis got so wrong that it cannot be trained on leaves the nominal estimator.
+    """
     case, own, nominal = one.case, folder / one.case.name, folder / f"nominal_{one.case.joint}"
     truth, corrected = own / "truth.yaml", own / CORRECTED
     write_mechanism(truth, true_machine(case), "what was true of the case")
@@ -254,13 +257,20 @@ def _trained(one: Revealed, folder: Path, loop: Loop, report: Callable[[str], No
     else:
         text = one.corrected
         write_atomically(corrected, lambda file: file.write_text(text, encoding="utf-8"))
+    trained = {name: place for name, (place, _) in plans.items()}
     for name, (place, more) in plans.items():
         overrides = [f"joint={case.joint}", *loop.train, *more]
         done = (place / METRICS).exists() and (place / _PLAN).exists()
         if not done or read_json(place / _PLAN, "folder") != overrides:  # the training itself refuses others
             report(f"{case.name}: training on the {name} simulator")
-            _train(place, overrides)
-    return {name: place for name, (place, _) in plans.items()}
+            try:
+                _train(place, overrides)
+            except InputError as error:
+                if name != "corrected":
+                    raise
+                report(f"{case.name}: {error}; it counts as not corrected")
+                trained[name] = nominal
+    return trained
 
 
 def _lobes(corrected: str | None, joint: str) -> float:

@@ -218,6 +218,21 @@ def test_a_bore_that_is_said_to_be_worn_is_not_closed_either(tmp_path, monkeypat
     assert drawn == [f"campaign.clearance_range=[{low_of},{high}]" for low_of in (2e-4, low)]
 
 
+def test_a_corrected_machine_that_cannot_be_trained_on_counts_as_not_corrected(tmp_path, monkeypatch):
+    def train(place, overrides):
+        if place.name == "corrected":
+            raise InputError(f"{place}: a training ended with exit code 2")
+
+    monkeypatch.setattr(closed_loop, "_train", train)
+    (tmp_path / HEAVY.name).mkdir()
+    write_mechanism(tmp_path / "said.yaml", true_machine(HEAVY))
+    one, told = revealed(HEAVY, corrected=(tmp_path / "said.yaml").read_text()), []
+    runs = closed_loop._trained(one, tmp_path, LOOP, told.append)
+    assert runs["corrected"] == runs["nominal"] == tmp_path / "nominal_B"
+    assert runs["true"] == tmp_path / HEAVY.name / "true"
+    assert any("it counts as not corrected" in line for line in told)
+
+
 def test_a_training_that_fails_is_told(tmp_path):
     wrong = replace(LOOP, train=("model=ghost",))
     with pytest.raises(InputError, match=r"nominal_B: a training ended with exit code 2: error: .*ghost"):
