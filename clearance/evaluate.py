@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -101,11 +102,14 @@ def measure_coverage(run: Path, recordings: int) -> None:
     config: dict[str, Any] = read_yaml(run / CONFIG) or {}
     if "campaign" not in config:
         raise InputError(f"{run / CONFIG}: no campaign there, so nothing fresh can be simulated; set fresh=0")
-    source = str(config["data"]["source"]["_target_"]).rpartition(".")[2]
-    if source not in _SIMULATED:
-        log.info("%s: left out, nothing fresh can be simulated like the recordings of %s", run, source)
+    source = config["data"]["source"]
+    kind = str(source["_target_"]).rpartition(".")[2]
+    if kind not in _SIMULATED:
+        log.info("%s: left out, nothing fresh can be simulated like the recordings of %s", run, kind)
         return
     campaign = instantiate_trusted(config["campaign"], str(run / CONFIG))
+    begin = float(source.get("start_time") or 0.0)  # the training may have left out more of each recording
+    campaign = replace(campaign, record_start=max(begin, campaign.record_start))
     log.info("%s: %d fresh recordings", run, recordings)
     gauge = load_gauge(run)
     try:

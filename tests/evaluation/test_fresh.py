@@ -1,6 +1,7 @@
 """The interval keeps its promise on simulations newer than the training; tables are made from files."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -78,6 +79,30 @@ def test_fresh_runs_that_all_fail_are_one_line(forest, tmp_path, monkeypatch):
         measure_coverage(tmp_path, 7)
     assert str(caught.value).startswith(f"{tmp_path}: ")
     assert not (tmp_path / FRESH).exists()
+
+
+@pytest.mark.parametrize(("start_time", "expected"), [(2.5, 2.5), (1.0, 2.0), (None, 2.0)])
+def test_fresh_recordings_begin_where_those_of_the_training_did(
+    forest, tmp_path, monkeypatch, start_time, expected
+):
+    gauge, campaign = forest
+    begun = []
+
+    def fresh(self, runs, epoch):
+        begun.append(self.record_start)
+        return [], np.empty((0, 3))
+
+    monkeypatch.setattr(Campaign, "fresh", fresh)
+    monkeypatch.setattr("clearance.evaluate.load_gauge", lambda run: gauge)
+    made = replace(campaign, duration=3.0, record_start=2.0)
+    monkeypatch.setattr("clearance.evaluate.instantiate_trusted", lambda config, where: made)
+    source = {"_target_": "clearance.windows.sources.SimulatedSource", "start_time": start_time}
+    (tmp_path / "config.yaml").write_text(
+        yaml.safe_dump({"campaign": {"runs": 3}, "data": {"source": source}})
+    )
+    with pytest.raises(InputError, match="every fresh run"):
+        measure_coverage(tmp_path, 7)
+    assert begun == [expected]
 
 
 def test_a_gauge_of_another_machine_is_not_trusted(forest):
