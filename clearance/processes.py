@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+from contextlib import suppress
 from pathlib import Path
 
 _ROOT = Path(__file__).parents[1]
@@ -15,7 +16,7 @@ def environment(**more: str) -> dict[str, str]:
 
 
 def end(process: subprocess.Popen[bytes]) -> None:
-    """End a process and what it started; nothing happens where it has ended."""
-    if process.poll() is None:
+    """End a process that has a session of its own, and what it started, which may outlive it."""
+    with suppress(ProcessLookupError):  # all have ended
         os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+    process.wait()
