@@ -19,6 +19,7 @@ from clearance.trial import closed_loop, pictures
 from clearance.trial.closed_loop import close_loop
 from clearance.trial.conceal import conceal
 from clearance.trial.examine import DIAGNOSIS, VERDICTS, Examiner
+from clearance.trial.pool import pool
 from clearance.trial.reveal import commit_verdicts, reveal
 from clearance.trial.score import score_case
 from clearance.trial.summary import comparison, failures, history, summarise, table
@@ -26,7 +27,7 @@ from clearance.whole_files import read_json, write_atomically, write_json
 
 log = logging.getLogger(__name__)
 
-STAGES = ("conceal", "diagnose", "baselines", "reveal", "loop")
+STAGES = ("conceal", "diagnose", "baselines", "reveal", "loop", "pool")
 BASELINES = {
     "trajectory": "least squares on the trajectory",
     "sparse": "sparse regression",
@@ -38,8 +39,13 @@ _PUBLISHED = "trial-*.json"
 
 @command("trial")
 def main(cfg: DictConfig) -> None:
-    """Conceal, diagnose, reveal, score; with baselines and the loop if asked; or one of these stages."""
+    """Conceal, diagnose, reveal, score; with baselines and the loop if asked; or one stage alone."""
     _check(cfg)
+    drawn = [] if cfg.pictures is None else [Path(cfg.pictures)]
+    if cfg.stage == "pool":
+        facts, rows = pool([Path(path) for path in _words(cfg, "pooled")])
+        _publish(*_score(facts, rows, drawn), "trial", cfg.results, cfg.readme)
+        return
     program, arguments = _words(cfg, "program"), _words(cfg, "arguments")
     methods = _methods(_words(cfg, "baselines"))
     part = shard(cfg.shard)
@@ -75,7 +81,8 @@ def main(cfg: DictConfig) -> None:
         facts, cases = reveal(folder, sealed)
         if cfg.stage != "loop":
             rows = [score_case(one) for one in cases]
-            content = _write(folder, facts, rows, cfg.pictures)
+            content = _score(facts, rows, [folder, *drawn])
+            write_json(folder / "result.json", content[0])
             beside = _compare(folder, sealed, methods, content[0])
             if loop is None or cfg.stage == "reveal":
                 _publish(*content, "trial", cfg.results, cfg.readme)
@@ -102,31 +109,32 @@ def _check(cfg: DictConfig) -> None:
     if not isinstance(cfg.retry, bool):
         raise InputError(f"retry = {cfg.retry!r} is neither true nor false; change retry")
     _check_history(cfg.history, cfg.results)
+    if cfg.stage == "pool" and cfg.results is None:
+        raise InputError("stage = pool writes its result to results, which is null; set results to a file")
     if cfg.pictures is not None and Path(cfg.pictures).is_file():
         raise InputError(f"pictures = {cfg.pictures}: is a file; set pictures to a folder")
 
 
-def _write(
-    folder: Path, facts: dict[str, Any], rows: Sequence[dict[str, Any]], published: str | None
+def _score(
+    facts: dict[str, Any], rows: Sequence[dict[str, Any]], folders: Sequence[Path]
 ) -> tuple[dict[str, Any], str]:
-    """Result and pictures into the folder, and these where they are published.
+    """The score of all rows, shown, and its pictures in each of some folders.
 
     Returns:
-        The summary and its table, which are shown.
+        The result, summary and rows, and its table.
     """
     summary = {"date": date.today().isoformat()} | facts | summarise(rows)
-    write_json(folder / "result.json", {"summary": summary, "rows": rows})
     for name, figure in {
         "power": pictures.power(rows, summary["power"]),
         "confusion": pictures.confusion(summary["confusion"]),
         "estimates": pictures.estimates(rows),
     }.items():
-        for place in (folder, *([] if published is None else [Path(published)])):
-            place.mkdir(parents=True, exist_ok=True)
-            write_atomically(place / f"{name}.png", figure.savefig)
+        for folder in folders:
+            folder.mkdir(parents=True, exist_ok=True)
+            write_atomically(folder / f"{name}.png", figure.savefig)
     text = table(summary)
     sys.stdout.write(f"\n{text}\n{failures(summary) or 'no failures'}\n")
-    return summary, text
+    return summary | {"rows": list(rows)}, text
 
 
 def _words(cfg: DictConfig, name: str) -> list[str]:
@@ -146,18 +154,17 @@ def _methods(methods: list[str]) -> list[str]:
     return methods
 
 
-def _compare(folder: Path, sealed: Path, methods: Sequence[str], summary: dict[str, Any]) -> str:
-    """The table of baselines, whose summaries are added to the diagnosis' own; empty where there are none."""
-    own = dict(summary)
-    summaries = {"this diagnosis": own}
+def _compare(folder: Path, sealed: Path, methods: Sequence[str], result: dict[str, Any]) -> str:
+    """The table of baselines, whose summaries are added to the result; empty where there are none."""
+    summaries = {"this diagnosis": dict(result)}
     for method in methods:
         _, cases = reveal(folder, sealed, f"{_BESIDE}/{method}")
         rows = [score_case(one) for one in cases]
-        write_json(folder / f"{method}.json", {"summary": summarise(rows), "rows": rows})
         summaries[BASELINES[method]] = summarise(rows)
+        write_json(folder / f"{method}.json", summaries[BASELINES[method]] | {"rows": rows})
     if not methods:
         return ""
-    summary["baselines"] = {method: summaries[BASELINES[method]] for method in methods}
+    result["baselines"] = {method: summaries[BASELINES[method]] for method in methods}
     text = comparison(summaries)
     sys.stdout.write(f"\n{text}\n")
     return text

@@ -343,6 +343,7 @@ def test_killed_and_resumed_nothing_is_asked_twice(trial, how):
         ("scope.cases=0", "cases = 0 is not a whole number .*; change scope.cases"),
         ("scope.shares.nothing=1", "Could not override 'scope.shares.nothing'"),
         ("stage=reveal", "no concealed cases"),
+        ("stage=pool", "stage = pool writes its result to results, which is null; set results to a file"),
         ("baselines=[guess]", "baselines: 'guess' is unknown; choose from trajectory, sparse, two_sample"),
         ("baselines=sparse", "baselines = 'sparse' is no list of words"),
         ("program=python", "program = 'python' is no list of words"),
