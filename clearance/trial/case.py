@@ -8,7 +8,9 @@ from typing import Any
 from clearance.trial.exudyn_plant import ExudynPlant
 from clearance.trial.plant import ExtraForce, Fault, Plant
 
-KINDS = ("none", "effect", "instrument", "pair", "outside", "left_out", "beam")
+KINDS = ("none", "effect", "instrument", "pair", "outside", "left_out", "beam", "triple")
+SEVERAL = {"pair": 2, "triple": 3}
+"""Kinds of cases with several things missing, and how many."""
 UNNAMED = ("outside", "left_out")
 """Kinds of cases for which the tool has no name."""
 KNOWN_FRAME = {"frequency": 60.0, "damping_ratio": 0.03, "mass": 20.0}

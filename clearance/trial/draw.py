@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from clearance.errors import InputError
-from clearance.trial.case import KINDS, Case, Session
+from clearance.trial.case import KINDS, SEVERAL, Case, Session
 from clearance.trial.repertoire import EFFECTS, FAULTS, FORCES, LEFT_OUT, SENSORS, Variant
 
 Generator = np.random.Generator
@@ -17,7 +17,7 @@ _JITTER = 0.15  # a size is drawn within this share of the repertoire's, so that
 _DECOY = 0.15  # of the cases with all their hypotheses needed lose another one: losing one tells little
 OFF = {"gain": 0.2, "misalignment": 15.0, "delay": 1e-3, "bias": 100.0}
 """What an accelerometer may do within its tolerance, and the largest one: [-], deg, s, m/s²."""
-_USUAL = tuple(kind for kind in KINDS if kind != "beam")  # a beam needs Exudyn
+_USUAL = tuple(kind for kind in KINDS if kind not in ("beam", "triple"))  # a beam needs Exudyn, a triple time
 _WHOLE = frozenset({"order", "seed"})
 _LIVE = ("rod_b_transverse", "rod_b_axial", "rod_c_transverse", "rod_c_axial", "slider_horizontal")
 
@@ -174,6 +174,7 @@ def _schedule(scope: Scope, rng: Generator) -> list[tuple[str, str, int]]:
     items: dict[str, list[str]] = {
         "none": [""], "effect": list(EFFECTS), "instrument": list(FAULTS), "pair": [""],
         "outside": list(FORCES), "left_out": list(LEFT_OUT), "beam": ["rod_flexibility"],
+        "triple": [""],
     }  # fmt: skip
     wanted = []
     for kind, count in counts(scope.shares, scope.cases).items():
@@ -238,14 +239,14 @@ def _missing(
     found: dict[str, Any] = {"effects": effects, "faults": faults}
     clearance = circumstances["clearance"]
     possible = [name for name in EFFECTS if not (name == "flexible_base" and circumstances["known_frame"])]
-    if kind == "pair":
-        first, second = (possible[i] for i in rng.permutation(len(possible))[:2])
-        effects[first] = _effect(first, size, clearance, rng)
+    if kind in SEVERAL:
+        *first, last = (possible[i] for i in rng.permutation(len(possible))[: SEVERAL[kind]])
+        effects.update({name: _effect(name, size, clearance, rng) for name in first})
         if rng.random() < 0.25:
             name = str(rng.choice(list(FAULTS)))
             faults[name] = _fault(name, size, circumstances, rng)
         else:
-            effects[second] = _effect(second, size, clearance, rng)
+            effects[last] = _effect(last, size, clearance, rng)
     elif kind in ("effect", "left_out", "beam"):
         effects[item] = _effect(item, size, clearance, rng)
         if item == "flexible_base":

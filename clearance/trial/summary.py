@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from clearance.trial.case import UNNAMED
+from clearance.trial.case import SEVERAL, UNNAMED
 
 Row = Mapping[str, Any]
 BINS = (0.0, 0.5, 1.0, 2.0, 5.0, 20.0, float("inf"))
 """Of the visibility, in a power curve: 1 is the detection threshold."""
-_NAMED = ("effect", "instrument", "pair", "beam")
+_NAMED = ("effect", "instrument", "beam", *SEVERAL)
 
 
 def rate(hits: Sequence[bool]) -> dict[str, Any]:
@@ -44,7 +44,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     null = [row for row in rows if row["kind"] == "none"]
     seen = [row for row in rows if row["kind"] != "none" and row["visible"]]
     named = [row for row in seen if row["kind"] in _NAMED]
-    single = [row for row in named if row["kind"] != "pair"]
+    single = [row for row in named if row["kind"] not in SEVERAL]
     unnamed = [row for row in seen if row["kind"] in UNNAMED]
     said = [row for row in rows if row["verdict"] is not None]
     held = [row["held_out"] for row in said if row["held_out"].get("after") is not None]
@@ -52,7 +52,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     asserted = [parameter for row in said if row["kind"] != "beam" for parameter in row["parameters"]]
     clearances = [row["clearance"] for row in said if row["clearance"] and row["right"]]
     curves = [row for row in unnamed if row["curve_correlation"] is not None]
-    every = [row for row in rows if row["kind"] in _NAMED and row["kind"] != "pair"]
+    every = [row for row in rows if row["kind"] in _NAMED and row["kind"] not in SEVERAL]
     # a machine that cannot run has left all unexplained; one with a force of free form is not asked
     claims = [row for row in said if row["verdict"] != "unknown" and _claims(row)]
     return {
@@ -68,8 +68,14 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "first_and_alone": rate([_true(row, "first_and_alone") for row in single]),
         "named_of_all": rate([_true(row, "named_or_equivalent") for row in every]),
         "spurious": rate([_true(row, "spurious") for row in rows]),
-        "pairs_named_or_equivalent": rate(
-            [_true(row, "named_or_equivalent") for row in named if row["kind"] == "pair"]
+        **{
+            f"{kind}s_named_or_equivalent": rate(
+                [_true(row, "named_or_equivalent") for row in named if row["kind"] == kind]
+            )
+            for kind in SEVERAL
+        },
+        "several_named": rate(
+            [one in row.get("named", ()) for row in named if row["kind"] in SEVERAL for one in row["missing"]]
         ),
         "fault_channel": rate([row["channel_right"] for row in said if row["channel_right"] is not None]),
         "body": rate([_true(row, "body_right") for row in seen]),
@@ -151,13 +157,13 @@ def _confusion(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
     """What is true against what was said first; ``equivalent``: it is among those not told apart."""
     table: dict[str, dict[str, int]] = {}
     for row in rows:
-        truth = row["item"] if row["kind"] in ("effect", "instrument", "pair", "none") else row["kind"]
+        truth = row["item"] if row["kind"] in ("effect", "instrument", "none", *SEVERAL) else row["kind"]
         if row["verdict"] is None:
             said = "no verdict"
         elif not row["named"]:
             said = row["verdict"]
-        elif row["kind"] == "pair" and set(row["missing"]) <= set(row["named"]):
-            said = "pair"
+        elif row["kind"] in SEVERAL and set(row["missing"]) <= set(row["named"]):
+            said = row["kind"]
         elif row["named_or_equivalent"] and not set(row["missing"]) <= set(row["named"]):
             said = "equivalent"
         else:
@@ -168,9 +174,11 @@ def _confusion(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
 
 
 def table(summary: Mapping[str, Any]) -> str:
-    """The headline rows as a Markdown table."""
+    """The headline rows as a Markdown table, without those to which no case belongs."""
     lines = ["| | measured | 95 % interval | wanted |", "|---|---|---|---|"]
     for label, key, wanted, show in _ROWS:
+        if summary[key]["of"] == 0:
+            continue
         measured, interval = show(summary[key])
         lines.append(f"| {label} | {measured} | {interval} | {wanted} |")
     return "\n".join(lines) + "\n"
@@ -253,6 +261,8 @@ _ROWS: tuple[tuple[str, str, str, _Show], ...] = (
     ("named first and alone", "first_and_alone", "85 %", _rate_cells),
     ("named or equivalent, those below the threshold included", "named_of_all", "", _rate_cells),
     ("pairs: both named, or in the equivalent set", "pairs_named_or_equivalent", "", _rate_cells),
+    ("triples: all three named, or in the equivalent set", "triples_named_or_equivalent", "", _rate_cells),
+    ("of what pairs and triples lack, named", "several_named", "", _rate_cells),
     ("faults named in the right channel", "fault_channel", "", _rate_cells),
     ("body right", "body", "95 %", _rate_cells),
     ("body and direction right", "direction", "95 %", _rate_cells),

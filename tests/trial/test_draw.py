@@ -45,6 +45,16 @@ def test_the_whole_trial_has_everything_in_every_size(cases):
     assert {case.encoder for case in cases} == {True, False}
 
 
+def test_triples_lack_three_different_things():
+    scope = scope_of("experiment=trial_triples")
+    drawing = Drawing(scope, 3)
+    several = [drawing.case(i) for i in range(scope.cases)]
+    assert {(case.kind, len(set(case.missing))) for case in several} == {("triple", 3)}
+    assert {len(case.faults) for case in several} == {0, 1}
+    for case in several:
+        case.plant(case.sessions[0])
+
+
 def test_every_case_is_a_machine_and_round_trips(cases):
     for case in cases:
         for session in case.sessions:

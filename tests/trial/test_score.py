@@ -181,6 +181,25 @@ def test_what_is_below_the_threshold_is_counted_apart(secrets):
     assert summary["below_threshold"] == 1
 
 
+def test_of_several_things_each_counts_and_all_of_them(secrets):
+    triple = replace(
+        FRICTION,
+        kind="triple",
+        effects={**FRICTION.effects, "torque_ripple": {"amplitude": 1.0}, "gravity": {}},
+    )
+    two = [friction(), friction(name="torque_ripple")]
+    rows = [
+        scored(triple, verdict("physics" if effects else "unknown", effects, mismatch=SLIDER), secrets)
+        for effects in (two, [*two, friction(name="gravity")], [])
+    ]
+    summary = summarise(rows)
+    assert [(summary[key]["count"], summary[key]["of"]) for key in (
+        "triples_named_or_equivalent", "several_named", "pairs_named_or_equivalent", "named_or_equivalent")
+    ] == [(1, 3), (5, 9), (0, 0), (0, 0)]  # fmt: skip
+    assert "pairs:" not in table(summary)  # of which there is none
+    assert summary["confusion"]["triple"] == {"guide_friction": 1, "triple": 1, "unknown": 1}
+
+
 def test_body_and_direction_are_those_of_one_thing_that_is_missing(secrets):
     pair = replace(FRICTION, kind="pair", effects={**FRICTION.effects, "torque_ripple": {"amplitude": 1.0}})
     for body, direction, right in (("slider", "x", True), ("crank", "torque", True), ("crank", "x", False)):
