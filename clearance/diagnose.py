@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 from clearance.commands import command, threads
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import JOINTS, Setting
-from clearance.diagnosis.judging.outcome import Outcome, diagnose
+from clearance.diagnosis.judging.outcome import SEARCHED, Outcome, diagnose
 from clearance.diagnosis.judging.sensors import declared
 from clearance.diagnosis.motion.attempt import Findings
 from clearance.diagnosis.motion.outcome import diagnose as diagnose_motion
@@ -47,6 +47,7 @@ from clearance.whole_files import write_json
 log = logging.getLogger(__name__)
 
 UNKNOWN = "unknown"
+_TOGETHER, _TOGETHER_IN_MOTION = 2, 5  # effects that are looked for at once: there a fit takes a second
 _MOST = 999  # simulations: some seconds each
 _BESIDE = """What the accelerometers were found to do.
 As NAME.yaml beside another recording NAME.parquet of theirs it is undone where that is read."""
@@ -69,13 +70,15 @@ def main(cfg: DictConfig) -> None:
     hypotheses: Any = (
         OmegaConf.to_container(cfg.hypotheses) if OmegaConf.is_list(cfg.hypotheses) else cfg.hypotheses
     )
-    effects = load_effects(hypotheses, list(cfg.without))
+    effects = [effect.around(nominal) for effect in load_effects(hypotheses, list(cfg.without))]
     if not effects:
         raise InputError(f"hypotheses = {hypotheses}: nothing is left to try; change hypotheses or without")
     low, high = _speeds(cfg.speed_range)
     most = cfg.most_effects
-    if isinstance(most, bool) or not isinstance(most, int) or not 1 <= most <= 3:
-        raise InputError(f"most_effects = {most!r} is not a whole number from 1 to 3; change most_effects")
+    if most is not None and (isinstance(most, bool) or not isinstance(most, int) or not 1 <= most <= 6):
+        raise InputError(
+            f"most_effects = {most!r} is neither null nor a whole number from 1 to 6; change most_effects"
+        )
     limit, finished = _time_limit(cfg.time_limit), _finished(cfg.finished)
     simulations = _simulations(cfg.simulations)
     tolerances = _tolerances(cfg.tolerances)
@@ -121,8 +124,9 @@ def main(cfg: DictConfig) -> None:
             uncertain_bounds(cfg.uncertain, nominal),
             zero_is_known(cfg.encoder_zero),
             (low, high),
+            SEARCHED * limit,
             workers,
-            most,
+            _TOGETHER_IN_MOTION if most is None else most,
             log.info,
             keep,
         )
@@ -139,7 +143,8 @@ def main(cfg: DictConfig) -> None:
         recordings = recordings or demonstration(settings[0].with_clearance(CLEARANCE))
         fitted, judged = _load(recordings, held_out, channels, tolerances)
         outcome = diagnose(
-            fitted, judged, settings, effects, (low, high), workers, most, log.info, keep,
+            fitted, judged, settings, effects, (low, high), workers, _TOGETHER if most is None else most,
+            log.info, keep,
             limit, finished, simulations,
         )  # fmt: skip
         outcome.diagnosis["warnings"][:0] = _unshared({**recordings, **held_out}, channels)

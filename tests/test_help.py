@@ -27,7 +27,7 @@ def test_predict_says_that_it_takes_a_folder():
 def test_keys_and_comments_are_the_files_own():
     text = help_text("diagnose")
     assert "What does the model lack?" in text
-    assert "most_effects=2" in text
+    assert "most_effects=null" in text
     assert "how many may be missing at once" in text
     assert "hydra" not in text.split("Groups")[0]
 

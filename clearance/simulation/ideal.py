@@ -72,3 +72,24 @@ def run_ideal(codes: Any, p: Any, s: Any, work: Any, scheme: int, h: float, subs
                 fx, fy = get(r, Result.FORCE_C_X), get(r, Result.FORCE_C_Y)
                 put(y, Motion.SLACK_C, (fx + fy * slope) / square_root(fx * fx + fy * fy + _TINY))
             step(codes, p, s, r, w, scheme, h, 1)
+
+
+@entry
+def accelerate_ideal(codes: Any, p: Any, s: Any, r: Any, motion: Any, out: Any) -> None:
+    """How laws accelerate the crank at many instants of a motion, ``WIDTH`` of them together.
+
+    Args:
+        codes: (families,) chosen laws; joints ideal.
+        p: (PARAMETERS, WIDTH) of one machine, the same in all lanes.
+        s: (STATES, WIDTH) scratch.
+        r: (RESULTS, WIDTH) scratch.
+        motion: (groups, 3, WIDTH) crank's angle [rad] and speed [rad/s], drive's integral [rad].
+        out: (groups, WIDTH) written [rad/s^2].
+    """
+    for k in range(out.shape[0]):
+        put(s, State.CRANK_ANGLE, get(motion[k], 0))
+        put(s, State.CRANK_SPEED, get(motion[k], 1))
+        put(s, State.DRIVE_INTEGRAL, get(motion[k], 2))
+        project(codes, p, s)
+        evaluate(codes, p, s, r)
+        put(out, k, get(r, Result.CRANK))

@@ -39,6 +39,7 @@ class FreeParameter:
             instrument's effect, the fault of an ``Instrument``.
         unit: SI, but deg for mounting angles.
         bounds: low, high.
+        around: whether bounds, start and trials count from the machine's own value (see ``Effect.around``).
         off: where the effect vanishes; ``None``: at the machine's own value (see ``Effect.off``).
         start: a plausible size.
         scale: linear or log, for steps and intervals.
@@ -58,6 +59,7 @@ class FreeParameter:
     bounds: tuple[float, float]
     off: float | None
     start: float
+    around: bool = False
     scale: str = "linear"
     operation: str = "set"
     of: str | None = None
@@ -196,6 +198,20 @@ class Effect:
     def place(self, joint: str) -> str:
         """The body where it acts: crank, rod, slider, frame, joint_b, joint_c or instrument."""
         return _filled(self.body, joint)
+
+    def around(self, machine: SliderCrank) -> "Effect":
+        """The effect for one machine: numbers that count from the machine's own value are moved there."""
+        free = []
+        for one in self.free:
+            own = float(read_path(machine, one.path)) if one.around else 0.0
+            low, high = one.bounds
+            free.append(
+                replace(
+                    one, bounds=(low + own, high + own), start=one.start + own,
+                    trials=tuple(trial + own for trial in one.trials), around=False,
+                )
+            )  # fmt: skip
+        return replace(self, free=tuple(free))
 
     def off(self, machine: SliderCrank, joint: str) -> dict[str, float]:
         """The value of each parameter at which the effect vanishes."""

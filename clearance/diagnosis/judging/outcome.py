@@ -28,7 +28,7 @@ from clearance.diagnosis.sensing.measured import Measured
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import peak_memory
 
-_SEARCH = 0.8  # of the time limit, after which nothing new is tried
+SEARCHED = 0.8  # of the time limit, after which nothing new is tried
 _SOUGHT = 0.9  # of it, until when lost paths are looked for in what was held out
 _PATIENCE = (0.1, 0.2)  # of it, for which they are at least, and at most
 Found = TypeVar("Found")
@@ -87,7 +87,7 @@ def diagnose(
     for one in (*recordings, *held_out):
         check_length(one)
     started, searching = time.monotonic(), True
-    deadline = started + _SEARCH * time_limit
+    deadline = started + SEARCHED * time_limit
 
     def say(message: str) -> None:
         now = time.monotonic()

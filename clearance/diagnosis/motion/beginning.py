@@ -9,12 +9,13 @@ _HARMONICS = 3
 _LOOK = 3.0  # s at most from which speed and phase are found
 
 
-def begin(track: Track, speeds: tuple[float, float]) -> np.ndarray:
-    """(5,) angle [rad], speed [rad/s], integral 0, drive's speed [rpm], encoder's zero 0 at the first sample.
+def begin(track: Track, speeds: tuple[float, float], zero: float = 0.0) -> np.ndarray:
+    """(5,) angle [rad], speed [rad/s], integral 0, drive's speed [rpm], encoder's zero at the first sample.
 
     Args:
         track: the recording.
         speeds: range [rad/s] in which the speed is looked for where no channel tells it.
+        zero: of the encoder [rad].
 
     Raises:
         InputError: no channel tells how the crank turns.
@@ -28,7 +29,7 @@ def begin(track: Track, speeds: tuple[float, float]) -> np.ndarray:
         angle = named["crank_angle"]
         slope = float(np.polyfit(time[:first], angle[:first], 1)[0])
         final = float(np.polyfit(time[late], angle[late], 1)[0])
-        return np.array([angle[0], slope, 0.0, final * 30.0 / np.pi, 0.0])
+        return np.array([angle[0] - zero, slope, 0.0, final * 30.0 / np.pi, zero])
     if "slider_position" not in named and "slider_velocity" not in named:
         raise InputError(
             f"{track.name}: has {', '.join(track.channels)}; crank_angle, slider_position or slider_velocity "

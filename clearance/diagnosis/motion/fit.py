@@ -123,9 +123,9 @@ def fit(
     """
     if staged:
         if all("crank_angle" in track.channels for track in tracks):
-            turning = [t.only("crank_angle") for t in tracks]
+            turning = [t.only("crank_angle").turned(o[4]) for t, o in zip(tracks, own, strict=True)]
             turned = _fit(
-                replace(model, with_zero=False),
+                replace(model, with_zero=False),  # which is taken off before
                 turning,
                 shared,
                 own,

@@ -31,10 +31,13 @@ class Judged:
         )  # fmt: skip
         filtered = search.tracks[0].low_pass is not None
         self.tracks = [
-            t if t.declared else replace(t, low_pass=t.usual_low_pass if filtered else None) for t in held_out
+            t if t.declared else replace(t, low_pass=t.usual_low_pass if filtered else None)
+            for t in search.cut(held_out)
         ]
-        start = np.array([begin(track, speeds) for track in self.tracks])
-        start[:, 4] = attempt.fit.own[0, 4]
+        zeros = {track.name: own[4] for track, own in zip(search.tracks, attempt.fit.own, strict=True)}
+        start = np.array(
+            [begin(track, speeds, zeros.get(track.name, attempt.fit.own[0, 4])) for track in self.tracks]
+        )
         self.fit: Fit = fit(fixed, self.tracks, np.zeros(0), start, start, search.workers, staged=True)
         self.explained: Explained = explained(self.fit, self.tracks)
 

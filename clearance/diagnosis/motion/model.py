@@ -254,6 +254,7 @@ class Model:
         uncertain: paths of the mechanism to bounds.
         with_clearance: whether a clearance is fitted.
         with_zero: whether the encoder's zero is fitted.
+        zero_deviation: within which it is known before [rad].
         instrument: faults that are there anyway.
         known_clearance: [m], where none is fitted.
     """
@@ -264,6 +265,7 @@ class Model:
     uncertain: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     with_clearance: bool = False
     with_zero: bool = False
+    zero_deviation: float = 10.0
     instrument: Instrument = field(default_factory=Instrument)
     known_clearance: float = 0.0
     _made: dict[bytes, tuple[SliderCrank, Instrument]] = field(
@@ -304,7 +306,7 @@ class Model:
         speed = max(abs(float(begin[1])), 1.0)
         fixed = 1e-12  # a prior that holds an unknown where it is
         torque = 5.0 / gain if gain > 0.0 else fixed
-        zero = 10.0 if self.with_zero else fixed
+        zero = self.zero_deviation if self.with_zero else fixed
         return (
             Unknown("angle", "rad", -np.inf, np.inf, 1e-4, prior=(float(begin[0]), 10.0)),
             Unknown("speed", "rad/s", -1e4, 1e4, 1e-4 * speed, prior=(float(begin[1]), speed)),

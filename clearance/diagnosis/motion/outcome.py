@@ -15,6 +15,7 @@ from clearance.diagnosis.motion.attempt import Findings
 from clearance.diagnosis.motion.beginning import begin
 from clearance.diagnosis.motion.fit import Fit
 from clearance.diagnosis.motion.judged import Judged, over, scaled
+from clearance.diagnosis.motion.linkage import link
 from clearance.diagnosis.motion.model import gather
 from clearance.diagnosis.motion.rest import angles
 from clearance.diagnosis.motion.search import Search
@@ -39,6 +40,7 @@ def diagnose(
     uncertain: Mapping[str, tuple[float, float]],
     zero_known: bool,
     speed_range: tuple[float, float],
+    seconds: float,
     workers: int,
     most: int,
     report: Callable[[str], None],
@@ -54,6 +56,7 @@ def diagnose(
         uncertain: paths of the mechanism that are known only roughly, to their bounds.
         zero_known: whether an encoder's zero that is off is a fault, not a matter of course.
         speed_range: [rad/s], where no channel tells the speed.
+        seconds: after which nothing new is tried.
         workers: threads.
         most: effects at once.
         report: called with progress.
@@ -64,10 +67,14 @@ def diagnose(
     """
     started = time.monotonic()
     machine, joint = setting.with_clearance(0.0), setting.joint
+    linkage = link(tracks, machine, gather(named, machine, joint, tracks, list(uncertain), 1.0), joint)
+    tracks, held_out = ([linkage.oriented(track) for track in some] for some in (tracks, held_out))
     guesses = [begin(track, speed_range) for track in tracks]
     turns = float(np.mean([abs(guess[3]) for guess in guesses])) / 60.0
     terms = gather(named, machine, joint, tracks, list(uncertain), max(turns, 0.1))
-    search = Search(tracks, machine, joint, terms, dict(uncertain), speed_range, workers, report)
+    search = Search(
+        tracks, machine, joint, terms, dict(uncertain), linkage, speed_range, seconds, workers, report
+    )
     findings = search.run(most, keep)
     _require_plausible(findings, search)
     report(f"[{time.monotonic() - started:.0f} s] judging on held-out recordings")

@@ -62,18 +62,24 @@ def explained(fit: Fit, tracks: Sequence[Track]) -> Explained:
     """Compare residuals with the noise that no free form of the angle could take away.
 
     The free form of each channel and recording: harmonics of the crank's angle and powers of time, as many as
-    a tenth of the samples allows. Its gain is judged by the F test.
+    a tenth of the samples allows; of a recording in stretches the harmonics are the same in all, the powers
+    each one's own. Its gain is judged by the F test.
     """
     channels = tuple(dict.fromkeys(c for t in tracks for c in t.channels))
     turned = angles(fit, tracks)
     noise, level, p_value = np.ones(len(channels)), np.ones(len(channels)), np.ones(len(channels))
+    recordings = [
+        [r for r, track in enumerate(tracks) if track.name == name]
+        for name in dict.fromkeys(track.name for track in tracks)
+    ]
+    bases = [free_form([turned[r] for r in stretches]) for stretches in recordings]
     for i, channel in enumerate(channels):
         whole, free, freedom, numbers = 0.0, 0.0, 0, 0
-        for track, angle, rest in zip(tracks, turned, fit.residuals, strict=True):
-            if channel not in track.channels:
+        for stretches, basis in zip(recordings, bases, strict=True):
+            if channel not in tracks[stretches[0]].channels:
                 continue
-            values = rest[:, track.channels.index(channel)]
-            basis = free_form(angle, len(values))
+            place = tracks[stretches[0]].channels.index(channel)
+            values = np.concatenate([fit.residuals[r][:, place] for r in stretches])
             weights, *_ = np.linalg.lstsq(basis, values, rcond=None)
             whole += float((values**2).sum())
             free += float(((values - basis @ weights) ** 2).sum())
@@ -88,11 +94,20 @@ def explained(fit: Fit, tracks: Sequence[Track]) -> Explained:
     return Explained(channels, noise, level, p_value)
 
 
-def free_form(angle: np.ndarray, samples: int) -> np.ndarray:
-    """(samples, numbers) harmonics of the angle and powers of time, as many as the samples allow."""
-    time = np.linspace(-1.0, 1.0, samples)
-    columns = [time**k for k in range(_DRIFTS + 1)]
-    most = int(_SHARE * samples)
+def free_form(angles: Sequence[np.ndarray]) -> np.ndarray:
+    """(samples, numbers) harmonics of the angle and powers of time, as many as the samples allow.
+
+    Args:
+        angles: of each stretch of a recording [rad].
+    """
+    angle = np.concatenate(angles)
+    most = int(_SHARE * len(angle))
+    time = np.linspace(-1.0, 1.0, len(angle))
+    powers = _DRIFTS + 1 if len(angles) == 1 else 1
+    columns = [
+        column for one, place in zip(angles, np.cumsum([0, *map(len, angles)]), strict=False)
+        for column in _drifts(len(one), place, len(angle), powers)
+    ]  # fmt: skip
     for k in range(1, _HARMONICS + 1):
         if len(columns) + 2 > most:
             break
@@ -102,3 +117,13 @@ def free_form(angle: np.ndarray, samples: int) -> np.ndarray:
             break
         columns += [time * np.cos(k * angle), time * np.sin(k * angle)]
     return np.stack(columns, axis=1)
+
+
+def _drifts(samples: int, place: int, total: int, powers: int) -> list[np.ndarray]:
+    """Powers of time in one stretch, 0 in the others."""
+    time, found = np.linspace(-1.0, 1.0, samples), []
+    for k in range(powers):
+        column = np.zeros(total)
+        column[place : place + samples] = time**k
+        found.append(column)
+    return found

@@ -8,8 +8,10 @@ from time import monotonic
 import numpy as np
 
 from clearance.diagnosis.motion.attempt import Attempt, Findings, inside, zero_of
+from clearance.diagnosis.motion.balance import suggest
 from clearance.diagnosis.motion.beginning import begin
 from clearance.diagnosis.motion.fit import fit
+from clearance.diagnosis.motion.linkage import Linkage
 from clearance.diagnosis.motion.model import Model, Term
 from clearance.diagnosis.motion.rest import Explained, explained
 from clearance.diagnosis.motion.screening import screen
@@ -21,11 +23,13 @@ _NEARLY = 0.9  # of the gain of the best: so much from something simpler is pref
 _FITTED = 4  # terms that are fitted in a round, after screening all
 _LEAST = 10.0  # decrease of the penalised cost for which a term is taken in
 _SURE = 3.3  # standard deviations that the best-known size of a term must lie off zero
-_PIECES, _TURNS, _FEWEST = 8, 2.5, 24  # pieces of all recordings; turns of the crank and samples of each
+_PIECES, _TURNS, _FEWEST = 8, 1.25, 24  # pieces of all recordings; turns of the crank and samples of each
+_STRETCHES, _MOST = (10.0, 5.0, 2.5, 1.25), 48  # turns of the crank, from many to few; so many stretches
 _LOOK = 8.0  # s of each recording that are searched; the result is fitted to all of them
 _ALIKE = 10.0  # difference of prices below which two explanations are equivalent
-_SECONDS = 60.0  # after which no further term is looked for
+_LOST = 2.5  # likewise, from which on a drive with a controller is looked for
 _POOR = 1.2  # residuals over noise from which on terms are not enough, or not rich enough
+_SLOWEST = 0.2  # turns a second, where lengths are counted in turns
 _PATIENT = 15  # iterations of a fit
 _BRIEF = 6  # iterations of a fit that is only compared
 
@@ -40,18 +44,23 @@ class Search:
         joint: str,
         terms: dict[str, Term],
         uncertain: dict[str, tuple[float, float]],
+        linkage: Linkage,
         speeds: tuple[float, float],
+        seconds: float,
         workers: int,
         report: Callable[[str], None],
     ) -> None:
-        self.tracks, self.terms, self.workers = list(tracks), terms, workers
-        self.begin = np.array([begin(track, speeds) for track in tracks])
+        self.tracks, self.terms, self.workers, self.seconds = list(tracks), terms, workers, seconds
+        self.linkage, self.speeds = linkage, speeds
+        self.begin = self._begin(tracks)
         every = {c for track in tracks for c in track.channels}
         self.model = Model(
             machine, joint, (), uncertain, "slider_position" in every,
             "crank_angle" in every and bool(every & {"slider_position", "slider_velocity"}),
+            linkage.deviation,
         )  # fmt: skip
-        self.in_pieces, self.speeds = False, speeds
+        self.in_pieces = False
+        self.turns: float | None = None
         self.started, self._report = monotonic(), report
 
     def report(self, text: str) -> None:
@@ -61,7 +70,42 @@ class Search:
     @property
     def in_time(self) -> bool:
         """Whether there is time to look for more."""
-        return monotonic() - self.started < _SECONDS
+        return monotonic() - self.started < self.seconds
+
+    def _begin(self, tracks: Sequence[Track]) -> np.ndarray:
+        """(recordings, own unknowns) with which each begins."""
+        return np.array([begin(track, self.speeds, self.linkage.zero(track.name)) for track in tracks])
+
+    def _nominal_values(self) -> np.ndarray:
+        """Shared unknowns of the nominal machine, on the scale of the fit."""
+        return np.array([u.prior[0] if u.prior else u.low for u in self.model.shared])
+
+    def _linked(self) -> Attempt:
+        """The machine with what the linkage alone says is missing."""
+        start = np.concatenate([self._nominal_values(), *self.linkage.values])
+        return self.attempt(self.linkage.terms, start, self.begin, staged=True)
+
+    def _suggested(self) -> Attempt | None:
+        """What linkage and measured turning suggest, if the recordings are followed with it."""
+        tracks, linked = self.tracks, list(zip(self.linkage.terms, self.linkage.values, strict=True))
+        zeros = self.begin[:, 4].tolist()
+        turns = np.maximum(np.abs(self.begin[:, 3]) / 60.0, _SLOWEST).tolist()
+        found = suggest(self.model, tracks, zeros, turns, linked, list(self.terms.values()), self.report)
+        if found is None:
+            return None
+        begun = self.begin.copy()
+        begun[:, 3] = found.speeds
+        self.report(
+            f"trying {' + '.join(t.label for t in (*self.linkage.terms, *found.terms)) or 'nothing more'}"
+        )
+        start = np.concatenate([found.uncertain, *self.linkage.values, *found.values])
+        attempt = self.attempt((*self.linkage.terms, *found.terms), start, begun, staged=True)
+        return attempt if self.judge(attempt).level.max() < _LOST else None
+
+    def _found(self, attempt: Attempt) -> list[Term]:
+        """Terms that the linkage did not tell."""
+        given = {term.place for term in self.linkage.terms}
+        return [term for term in attempt.terms if term.place not in given]
 
     def attempt(
         self,
@@ -84,8 +128,7 @@ class Search:
 
     def nominal(self) -> Attempt:
         """The machine as it is, its nuisance refitted."""
-        start = np.array([u.prior[0] if u.prior else u.low for u in self.model.shared])
-        return self.refilter(self.attempt((), start, self.begin, staged=True))
+        return self.refilter(self.attempt((), self._nominal_values(), self.begin, staged=True))
 
     def refilter(self, attempt: Attempt) -> Attempt:
         """The attempt, or the same terms with recordings that passed a filter, or did not, if that is better.
@@ -110,7 +153,9 @@ class Search:
         """Try one term more, or a richer variant of one; whether anything was gained."""
         base = findings.best
         taken = {term.place for term in base.terms}
-        new = [t for t in self.terms.values() if t.place not in taken] if len(base.terms) < most else []
+        new = (
+            [t for t in self.terms.values() if t.place not in taken] if len(self._found(base)) < most else []
+        )
         richer = [
             (old, t)
             for old in base.terms
@@ -118,6 +163,7 @@ class Search:
             if t.place == old.place
             and not {u.name for u in t.unknowns} <= {u.name for u in old.unknowns}
             and len(t.unknowns) >= len(old.unknowns)
+            and (self.in_pieces or "integral" not in t.effect.parameters)
         ]
         screened = screen(base, new, self.tracks, self.begin, self.workers)
         findings.screened |= {label: gain for label, (gain, _) in screened.items()}
@@ -132,11 +178,14 @@ class Search:
             if not term.linear and self.in_pieces:
                 self.report(f"trying {base.label} + {term.label}")
                 tried += self._from_starts(base, term)
-        for old, term in richer if richer and self.judge(base).level.max() > _POOR else ():
-            self.report(f"trying {term.label} for {old.label}")
-            tried.append(self._changed(base, old, term))
+        better = self._better(base, tried)
+        if not better and self.judge(base).level.max() > _POOR:
+            for old, term in richer:
+                if self.in_time:
+                    self.report(f"trying {term.label} for {old.label}")
+                    tried.append(self._changed(base, old, term))
+            better = self._better(base, tried)
         findings.attempts += tried
-        better = [a for a in tried if a.price < base.price - _LEAST and self.sure(a)]
         if not better:
             return False
         gained = base.price - min(a.price for a in better)
@@ -148,6 +197,10 @@ class Search:
             findings.attempts = [refiltered]
         findings.best = refiltered
         return True
+
+    def _better(self, base: Attempt, tried: Sequence[Attempt]) -> list[Attempt]:
+        """Those that are worth their price and sure of their terms."""
+        return [a for a in tried if a.price < base.price - _LEAST and self.sure(a)]
 
     def _promising(self, screened: dict[str, tuple[float, np.ndarray]]) -> list[str]:
         """Of the effects that promise most, the simplest variant that promises nearly as much."""
@@ -194,13 +247,13 @@ class Search:
         return self.attempt(terms, np.concatenate(start), base.fit.own)
 
     def sure(self, attempt: Attempt) -> bool:
-        """Whether every term is surely there, and none has run into a bound.
+        """Whether every term that the linkage did not tell is surely there, and none has run into a bound.
 
         A drive need not be: a motor becomes as soft as it can until what else is missing is found.
         """
         return all(
             attempt.sureness(term) > _SURE and not attempt.at_bound(term)
-            for term in attempt.terms
+            for term in self._found(attempt)
             if term.linear
         )
 
@@ -208,6 +261,7 @@ class Search:
         """Take out terms, or parameters of them, without which the rest does as well."""
         while findings.best.terms:
             best = findings.best
+            self.report(f"asking what of {best.label} is needed")
             for old in best.terms:
                 doubtful = best.doubtful(old)
                 names = {u.name for u in old.unknowns}
@@ -258,27 +312,19 @@ class Search:
         findings = Findings(nominal, nominal)
         keep(findings)
         if not self.judge(nominal).enough:
-            every = self.terms
-            # a controller's two gains can imitate much; they are asked only where nothing else explains
-            self.terms = {k: t for k, t in every.items() if "integral" not in t.effect.parameters}
-            found, explains = self.search_pieces(most)
-            self.terms = every
-            if not explains and self.in_time:
-                other, explains = self.search_pieces(most)
-                found = other if explains else found
-            findings.nominal = findings.best = self.attempt((), nominal.fit.shared, nominal.fit.own)
-            if found.terms:
-                self.report(f"fitting {found.label}")
-                best = self.attempt(found.terms, inside(found), self.begin, staged=True)
-                if best.price < findings.nominal.price:
-                    findings.best = best
+            findings.best = self._suggested() or self._pieced(nominal, most)
+            if findings.best.terms and not self.judge(findings.best).enough:
+                self._shorten(findings)
         keep(findings)
         while self.in_time and self.widen(findings, most):
             keep(findings)
         self.prune(findings)
         self.report("fitting the recordings' whole length")
-        self.tracks = [replace(t, low_pass=part.low_pass) for t, part in zip(whole, self.tracks, strict=True)]
-        self._refit(findings)
+        filtered = self.tracks[0].low_pass is not None
+        whole = [
+            t if t.declared else replace(t, low_pass=t.usual_low_pass if filtered else None) for t in whole
+        ]
+        self._refit(findings, self.cut(whole))
         if any(len(t.values) > _LOOK * t.rate for t in whole) and self.in_time and self.widen(findings, most):
             self.prune(findings)
         self.question_zero(findings)
@@ -286,17 +332,70 @@ class Search:
         keep(findings)
         return findings
 
-    def _refit(self, findings: Findings) -> None:
-        """The best and the nominal attempt, fitted anew to the present recordings."""
-        best, nominal = findings.best, findings.nominal
-        findings.nominal = self.attempt((), nominal.fit.shared, nominal.fit.own, staged=True)
-        findings.best = findings.nominal
-        if best.terms:
-            findings.best = self.attempt(best.terms, best.fit.shared, best.fit.own, staged=True)
-            if findings.best.fit.samples != best.fit.samples:
-                findings.attempts = []  # their prices are of other samples
+    def _pieced(self, nominal: Attempt, most: int) -> Attempt:
+        """What a search on short pieces finds, fitted to the recordings; nothing if that is better."""
+        every = self.terms
+        # a controller's two gains can imitate much; they are asked only where nothing else explains
+        self.terms = {k: t for k, t in every.items() if "integral" not in t.effect.parameters}
+        found, left = self.search_pieces(most)
+        self.terms = every
+        if left > _POOR and self.in_time:
+            other, still = self.search_pieces(most)
+            found = other if still < _POOR else found
+        best = self.attempt((), nominal.fit.shared, nominal.fit.own)
+        if found.terms:
+            self.report(f"fitting {found.label}")
+            best = min(
+                (best, self.attempt(found.terms, inside(found), self.begin, staged=True)),
+                key=lambda a: a.price,
+            )
+        return best
 
-    def search_pieces(self, most: int) -> tuple[Attempt, bool]:
+    def _shorten(self, findings: Findings) -> None:
+        """Fit stretches of fewer turns, each with a beginning of its own, until the machine follows them.
+
+        A real machine is pushed about by what no model has, and its crank's phase gathers that: over many
+        turns it goes astray even from a right model, whose numbers bend to follow it.
+        """
+        whole = self.tracks
+        for self.turns in _STRETCHES:
+            stretches = self.cut(whole)
+            if len(stretches) > len(self.tracks):
+                self.report(f"fitting stretches of {self.turns:g} turns")
+                self._refit(findings, stretches)
+                if self.judge(findings.best).enough:
+                    return
+
+    def cut(self, tracks: Sequence[Track]) -> list[Track]:
+        """Recordings in the stretches over which they are compared."""
+        if self.turns is None:
+            return list(tracks)
+        found = []
+        for track in tracks:
+            rate = abs(float(begin(track, self.speeds)[3])) / 60.0
+            found += track.cut(max(_FEWEST, round(self.turns / max(rate, _SLOWEST) * track.rate)))
+        every = -(-len(found) // _MOST)
+        return found[::every]
+
+    def _refit(self, findings: Findings, tracks: list[Track]) -> None:
+        """The best and the nominal attempt, fitted anew to other stretches of the recordings."""
+        best, nominal, names = findings.best, findings.nominal, [track.name for track in self.tracks]
+
+        def again(attempt: Attempt) -> Attempt:
+            begun = self._begin(tracks)
+            for row, track in zip(begun, tracks, strict=True):
+                same = [r for r, name in enumerate(names) if name == track.name]
+                zero = attempt.fit.own[same, 4].mean()
+                row[0], row[3:] = row[0] + row[4] - zero, (attempt.fit.own[same, 3].mean(), zero)
+            return self.attempt(attempt.terms, attempt.fit.shared, begun, staged=True)
+
+        self.tracks, self.begin = tracks, self._begin(tracks)
+        findings.nominal = again(nominal)
+        findings.best = again(best) if best.terms else findings.nominal
+        if findings.best.fit.samples != best.fit.samples:
+            findings.attempts = []  # their prices are of other samples
+
+    def search_pieces(self, most: int) -> tuple[Attempt, float]:
         """The search on short pieces of the recordings, each with its own beginning and speed of the drive.
 
         Over many turns the crank's phase gathers whatever changes its mean speed, and a set of terms that is
@@ -304,31 +403,29 @@ class Search:
         named one by one; a fit to the whole has the right terms to begin with.
 
         Returns:
-            The best attempt, and whether what it leaves is of the size of the noise.
+            The best attempt, and what it leaves over the noise, of the worst channel.
         """
         given, begun = self.tracks, self.begin
         turns = np.abs(begun[:, 3]) / 60.0
-        self.tracks, rows = [], []
+        self.tracks = []
         for r, track in enumerate(given):
-            size = max(_FEWEST, round(_TURNS / max(turns[r], 0.2) * track.rate))
+            size = max(_FEWEST, round(_TURNS / max(turns[r], _SLOWEST) * track.rate))
             count = min(max(1, _PIECES // len(given)), max(1, len(track.values) // size))
             for place in np.linspace(0, max(len(track.values) - size, 0), count).astype(int):
                 self.tracks.append(track.part(int(place), int(place) + size))
-                rows.append(begin(self.tracks[-1], self.speeds))
-        self.begin, self.in_pieces = np.array(rows), True
-        start = np.array([u.prior[0] if u.prior else u.low for u in self.model.shared])
-        nominal = self.attempt((), start, self.begin, staged=True)
-        findings = Findings(nominal, nominal)
+        self.begin, self.in_pieces = self._begin(self.tracks), True
+        nominal = self.attempt((), self._nominal_values(), self.begin, staged=True)
+        findings = Findings(nominal, min((nominal, self._linked()), key=lambda a: a.price))
         while self.in_time and self.widen(findings, most):
             self.report(f"so far {findings.best.label}")
         self.prune(findings)
-        explains = bool(findings.best.terms) and self.judge(findings.best).level.max() < _POOR
+        left = float(self.judge(findings.best).level.max()) if findings.best.terms else np.inf
         filtered = self.tracks[0].low_pass is not None
         self.tracks = [
             t if t.declared else replace(t, low_pass=t.usual_low_pass if filtered else None) for t in given
         ]
         self.begin, self.in_pieces = begun, False
-        return findings.best, explains
+        return findings.best, left
 
     def question_zero(self, findings: Findings) -> None:
         """Whether the encoder's zero, which was refitted throughout, is surely off."""

@@ -46,7 +46,7 @@ def state(
     alike = search.equivalents(findings)
     bias = next((e for e in named if e.name == "sensor_bias"), None)
     zero = encoder_zero(bias) if bias is not None and zero_known else None
-    verdict = verdict_of(findings, alike, zero, held["after"])
+    verdict = verdict_of(findings, alike, zero, held)
     asserted = effects(findings, zero, _probability(findings))
     turned = angles(nominal.fit, search.tracks)
     where = summary(over(nominal.fit, search.tracks, enough), turned, enough.channels, search.tracks[0].rate)
@@ -76,12 +76,10 @@ def state(
         "uncertain": singles,
         "combinations": combinations,
         "recordings": [
-            _about(track, r, best.fit, after.tracks, turned[r]) for r, track in enumerate(search.tracks)
+            _about(name, search, best.fit, after.tracks, turned)
+            for name in dict.fromkeys(track.name for track in search.tracks)
         ],
-        "warnings": [
-            f"{track.name}: left out, for showing nothing but a constant: {', '.join(track.silent)}"
-            for track in search.tracks if track.silent
-        ],
+        "warnings": _warnings(search),
     }  # fmt: skip
 
 
@@ -94,15 +92,45 @@ def _probability(findings: Findings) -> float:
     return weights[findings.best.label] / sum(weights.values())
 
 
-def _about(track: Track, r: int, found: Fit, held_out: Sequence[Track], turned: np.ndarray) -> dict[str, Any]:
+def _about(
+    name: str, search: Search, found: Fit, held_out: Sequence[Track], turned: Sequence[np.ndarray]
+) -> dict[str, Any]:
+    """One recording, of all its stretches."""
+    places = [r for r, track in enumerate(search.tracks) if track.name == name]
+    tracks = [search.tracks[r] for r in places]
+    speeds = [np.ptp(turned[r]) / (len(turned[r]) - 1) * search.tracks[r].rate for r in places]
+    sense = np.sign(sum(turned[r][-1] - turned[r][0] for r in places))
     return {
-        "name": track.name, "seconds": track.seconds, "rate_hz": track.rate, "channels": list(track.channels),
-        "speed_rpm": float((turned[-1] - turned[0]) / (len(turned) - 1) * track.rate * 30.0 / np.pi),
-        "drive_speed_rpm": float(found.own[r, 3]),
-        "encoder_zero_rad": float(found.own[r, 4]) if found.model.with_zero else None,
-        "filtered": track.low_pass is not None,
-        "held_out_seconds": sum(o.seconds for o in held_out if o.name == track.name),
+        "name": name, "seconds": sum(track.seconds for track in tracks), "rate_hz": tracks[0].rate,
+        "channels": list(tracks[0].channels),
+        "speed_rpm": float(sense * np.mean(speeds) * 30.0 / np.pi),
+        "drive_speed_rpm": float(found.own[places, 3].mean()),
+        "encoder_zero_rad": float(found.own[places, 4].mean()) if found.model.with_zero else None,
+        "filtered": tracks[0].low_pass is not None,
+        "stretch_seconds": tracks[0].seconds if search.turns is not None else None,
+        "held_out_seconds": sum(o.seconds for o in held_out if o.name == name),
     }  # fmt: skip
+
+
+def _warnings(search: Search) -> list[str]:
+    """What a user should know about the recordings."""
+    silent = {track.name: ", ".join(track.silent) for track in search.tracks if track.silent}
+    found = [
+        f"{name}: left out, for showing nothing but a constant: {those}" for name, those in silent.items()
+    ]
+    if search.linkage.turned:
+        turned = ", ".join(f"{channel}: -1.0" for channel in search.linkage.turned)
+        found.append(
+            f"{', '.join(search.linkage.turned)}: taken with the other sign, without which angle and "
+            "position do not belong to this linkage; if that is right, say so in the YAML beside the files, "
+            f"scale: {{{turned}}}"
+        )
+    if search.turns is not None:
+        found.append(
+            f"The recordings are compared in stretches of {search.turns:g} turns, each with a beginning of "
+            "its own: over more the machine goes astray from the model, pushed by what is not in it"
+        )
+    return found
 
 
 def _next_experiment(alike: Sequence[Attempt], tracks: Sequence[Track]) -> str | None:

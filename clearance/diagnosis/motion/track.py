@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -138,6 +139,15 @@ class Track:
         """One channel alone."""
         place = self.channels.index(channel)
         return replace(self, values=self.values[:, place : place + 1], channels=(channel,))
+
+    def cut(self, size: int) -> list["Track"]:
+        """Stretches one after the other, of about as many samples."""
+        ends = np.linspace(0, len(self.values), max(1, len(self.values) // size) + 1).astype(int)
+        return [self.part(int(first), int(last)) for first, last in pairwise(ends)]
+
+    def turned(self, zero: float) -> "Track":
+        """The crank's angle alone, from another zero [rad]."""
+        return replace(self, values=self.values - zero)
 
     def part(self, first: int, last: int) -> "Track":
         """Samples ``first`` to ``last`` alone."""

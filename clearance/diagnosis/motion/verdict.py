@@ -10,10 +10,12 @@ from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.motion.attempt import Attempt, Findings, zero_of
 from clearance.diagnosis.motion.fit import Fit
 from clearance.diagnosis.motion.model import Term
+from clearance.diagnosis.motion.rest import Explained
 
 _Z = 1.96  # of a 95 % interval
 _SEEN = 3.3  # standard deviations from which on a clearance counts as seen
 _CONFIRMED = 1.3  # held-out error over its floor, up to which the recordings there are explained
+_NEXT_TO_NOTHING, _SLIGHT = 0.05, 2.0  # of the mismatch; held-out error over its floor, at most
 _HELPS = 0.99  # of the held-out error before: what leaves more is not said to lower it
 _KNOWN = 0.05  # of its range: an uncertain value is known when its deviation is below
 
@@ -38,8 +40,25 @@ def estimates(attempt: Attempt, term: Term) -> dict[str, Estimate]:
     return {name: Estimate(middle[name], low[name], high[name]) for name in middle}
 
 
+def stands(findings: Findings, held: Mapping[str, float]) -> bool:
+    """Whether what was found explains the recordings: nothing but noise is left, or next to nothing.
+
+    A real machine always does something that no model has. Where names take away nearly all of a large
+    mismatch, that it comes back with the crank's angle does not make them wrong.
+
+    Args:
+        findings: of the search.
+        held: ``before`` and ``after``, errors on held-out recordings over their floor.
+    """
+    assert findings.enough is not None
+    if findings.enough.enough and held["after"] <= _CONFIRMED:
+        return True
+    left = (held["after"] - 1.0) / max(held["before"] - 1.0, 1e-9)
+    return bool(findings.best.terms) and held["after"] <= _SLIGHT and left <= _NEXT_TO_NOTHING
+
+
 def verdict_of(
-    findings: Findings, equivalents: Sequence[Attempt], zero: Effect | None, held_out: float
+    findings: Findings, equivalents: Sequence[Attempt], zero: Effect | None, held: Mapping[str, float]
 ) -> str:
     """None, physics, instrument, mixed, unknown or ambiguous.
 
@@ -47,11 +66,9 @@ def verdict_of(
         findings: of the search.
         equivalents: what cannot be told from its best.
         zero: as of ``effects``.
-        held_out: error of the best on recordings that it was not fitted to, over its floor: what does not
-            explain these, too, is not asserted.
+        held: as of ``stands``: what does not explain held-out recordings, too, is not asserted.
     """
-    assert findings.enough is not None
-    if not findings.enough.enough or held_out > _CONFIRMED:
+    if not stands(findings, held):
         return "unknown"
     kinds = {term.effect.kind for term in findings.best.terms}
     if findings.zero and zero is not None:
@@ -187,19 +204,19 @@ def sentences(
         )
     for effect, numbers, _ in asserted:
         lines.append(effect.describe({name: e.text(effect, name) for name, e in numbers.items()}, joint))
+    assert findings.enough is not None
     if verdict == "unknown":
-        assert findings.enough is not None
-        worst = findings.enough.channels[int(np.argmax(findings.enough.level))]
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
         lines.insert(
             0,
             "What explains the fitted recordings does not explain those that were held out: their error is "
             f"{held['after']:.3g} (floor 1.00)."
             if findings.enough.enough
-            else "Something is missing that none of the tried hypotheses explains: what they leave comes "
-            f"back with the crank's angle or drifts; in {worst} it is {findings.enough.level.max():.3g} "
-            "times the noise.",
+            else "Something is missing that none of the tried hypotheses explains. "
+            f"{_left_words(findings.enough)}",
         )
+    elif not (findings.enough.enough and held["after"] <= _CONFIRMED):
+        lines.append(_left_words(findings.enough))
     if equivalents:
         names = " or ".join(" with ".join(t.label for t in a.terms) for a in equivalents)
         lines.append(f"With these sensors it cannot be told from {names}.")
@@ -211,6 +228,14 @@ def sentences(
         )
     lines += [_clearance_words(clearance), *_uncertain_words(*uncertain)]
     return lines
+
+
+def _left_words(enough: Explained) -> str:
+    worst = enough.channels[int(np.argmax(enough.level))]
+    return (
+        "What is left comes back with the crank's angle or drifts; in "
+        f"{worst} it is {enough.level.max():.3g} times the noise."
+    )
 
 
 def _clearance_words(clearance: Mapping[str, Any]) -> str:

@@ -50,6 +50,7 @@ def diagnosed(recording, names, most=2, uncertain=None, machine=None):
         uncertain or {},
         True,
         (100.0 * RPM, 3000.0 * RPM),
+        seconds=60.0,
         workers=1,
         most=most,
         report=lambda _: None,
@@ -185,7 +186,19 @@ def test_a_verdict_needs_what_was_held_out_and_names_what_was_asked_for(kinds, h
     findings = SimpleNamespace(
         enough=SimpleNamespace(enough=True), zero=True, best=SimpleNamespace(terms=terms)
     )
-    assert verdict_of(findings, [], zero, held_out) == expected
+    assert verdict_of(findings, [], zero, {"before": 8.0, "after": held_out}) == expected
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "expected"),
+    [(169.0, 1.4, "physics"), (169.0, 2.5, "unknown"), (3.0, 1.4, "unknown")],
+)
+def test_next_to_nothing_that_is_left_of_much_leaves_names_right(before, after, expected):
+    findings = SimpleNamespace(
+        enough=SimpleNamespace(enough=False), zero=False,
+        best=SimpleNamespace(terms=[SimpleNamespace(effect=SimpleNamespace(kind="physics"))]),
+    )  # fmt: skip
+    assert verdict_of(findings, [], None, {"before": before, "after": after}) == expected
 
 
 def test_values_that_a_recording_does_not_tell_are_not_given_as_known():
