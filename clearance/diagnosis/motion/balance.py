@@ -3,7 +3,7 @@
 No run of the simulator is begun, so that nothing goes astray however much is missing: at each measured angle
 and speed the laws say how fast the crank gains speed, and a mean over part of a turn is compared with that of
 the recording. Integration by parts takes both derivatives off the recording and puts them on a smooth weight.
-References: Shinbrot 1957, Trans. ASME 79, 1197-1203 (modulating functions); Preisig & Rippin 1993, Comput.
+References: Shinbrot 1957, Trans. ASME 79, 547-552 (modulating functions); Preisig & Rippin 1993, Comput.
 Chem. Eng. 17(1), 1-16.
 """
 
@@ -34,6 +34,7 @@ _WINDOW, _FEWEST, _OVERLAP = 0.25, 6, 4  # turns and samples of a mean; means th
 _SAMPLES = 4000  # of a recording that are looked at
 _BAD = 1e6  # rad/s^2 of a machine that does not run
 _SAGS, _FASTEST = 1.2, 2e4  # times the mean speed, where a motor's without load begins; rpm, its bound
+_ALIKE, _MOST = 10.0, 4  # difference of prices up to which sets agree alike; how many of them are given
 _LOOSE = 1e-2  # of the accelerations' size: what a prior's standard deviation weighs
 
 
@@ -88,10 +89,11 @@ def suggest(
     linked: Sequence[tuple[Term, np.ndarray]],
     terms: Sequence[Term],
     report: Callable[[str], None],
-) -> Suggested | None:
+) -> list[Suggested]:
     """Of gravity, friction and a motor those with which the measured turning agrees best, by Schwarz 1978.
 
-    All sets are fitted, none is built up: two forces that are large hide each other.
+    All sets are fitted, none is built up: two forces that are large hide each other. Those that agree nearly
+    as well as the best are given, too, the best first.
 
     Args:
         model: nominal, without terms.
@@ -103,22 +105,27 @@ def suggest(
         report: called with progress.
     """
     if not all("crank_angle" in track.channels for track in tracks):
-        return None
+        return []
     search = _Fitting(model, [_Turning(*one) for one in zip(tracks, zeros, turns, strict=True)], linked)
     given = {term.place for term, _ in linked}
     known = [term for term in terms if term.place not in given]
     motors = [term for term in known if term.label == _MOTOR]
     driven = isinstance(model.machine.drive, SpeedControl)
     if driven and not motors:
-        return None
+        return []
     variants = [[None, *(term for term in known if term.name == name and _is_plain(term))] for name in _USUAL]
     report("asking which forces give the measured turning")
     sets = [[*(motors if driven else ()), *filter(None, some)] for some in product(*variants)]
-    best, some = min(((search.fitted(one), one) for one in sets), key=lambda one: one[0].price)
-    fixed = len(model.fixed_unknowns)
-    ends = np.cumsum([fixed, *(len(term.unknowns) for term in some)])
-    uncertain, *values, speeds = np.split(best.values, ends)
-    return Suggested(tuple(some), tuple(values), uncertain, speeds)
+    found = sorted(((search.fitted(one), one) for one in sets), key=lambda one: one[0].price)
+    fixed, cheapest = len(model.uncertain), found[0][0].price
+    rest = [u.low for u in model.fixed_unknowns[fixed:]]  # a clearance, which begins closed
+    suggested = []
+    for fitted, some in found[:_MOST]:
+        if fitted.price < cheapest + _ALIKE:
+            ends = np.cumsum([fixed, *(len(term.unknowns) for term in some)])
+            uncertain, *values, speeds = np.split(fitted.values, ends)
+            suggested.append(Suggested(tuple(some), tuple(values), np.append(uncertain, rest), speeds))
+    return suggested
 
 
 def _is_plain(term: Term) -> bool:
@@ -143,7 +150,8 @@ class _Fitting:
         machine = model.machine
         for term, values in linked:
             machine = term.effect.machine(machine, term.joint, term.values(values))
-        self.model, self.turnings = replace(model, machine=machine), turnings
+        # of a clearance the crank's turning tells nothing, and a fit stumbles over what it does not feel
+        self.model, self.turnings = replace(model, machine=machine, with_clearance=False), turnings
         self.shown = np.concatenate([one.shown for one in turnings])
         self.size = float(self.shown.std())
 

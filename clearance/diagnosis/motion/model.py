@@ -26,6 +26,7 @@ _STEP, _SHAPE_STEP = 2e-4, 2e-3
 _LARGEST_CLEARANCE = 2e-3  # m
 _KEPT = 256  # machines that are not made anew
 _RESOLVED = 0.4  # of the sampling rate: what repeats faster is not looked for
+_FASTER = 20.0  # times the speed at the beginning, and the mean speed, at most
 _LATEST = 0.05  # s, of a channel's delay
 
 
@@ -304,15 +305,17 @@ class Model:
         driven = not isinstance(machine.drive, Free)
         gain = float(machine.parameters()[Parameter.DRIVE_INTEGRAL_GAIN])
         speed = max(abs(float(begin[1])), 1.0)
+        # a run at an absurd speed needs as many more steps
+        fastest, unloaded = _FASTER * max(speed, 10.0), _FASTER * max(abs(float(begin[3])), 100.0)
         fixed = 1e-12  # a prior that holds an unknown where it is
         torque = 5.0 / gain if gain > 0.0 else fixed
         zero = self.zero_deviation if self.with_zero else fixed
         return (
             Unknown("angle", "rad", -np.inf, np.inf, 1e-4, prior=(float(begin[0]), 10.0)),
-            Unknown("speed", "rad/s", -1e4, 1e4, 1e-4 * speed, prior=(float(begin[1]), speed)),
+            Unknown("speed", "rad/s", -fastest, fastest, 1e-4 * speed, prior=(float(begin[1]), speed)),
             Unknown("integral", "rad", -1e6, 1e6, max(1e-3 * torque, 1e-12), prior=(float(begin[2]), torque)),
             Unknown(
-                "drive_speed", "rpm", -2e4, 2e4, 1e-4 * max(abs(float(begin[3])), 1.0),
+                "drive_speed", "rpm", -unloaded, unloaded, 1e-4 * max(abs(float(begin[3])), 1.0),
                 prior=(float(begin[3]), 2.0 * abs(float(begin[3])) + 10.0 if driven else fixed),
             ),
             Unknown("zero", "rad", -50.0, 50.0, 1e-4, prior=(float(begin[4]), zero)),

@@ -18,6 +18,7 @@ from clearance.simulation.layout import STATES, State
 
 _TURN = 0.06  # rad of the crank in one step: error of the angle after a minute below that of an encoder
 _LONGEST = 1e-3  # s
+_SHORTEST = 5e-6  # s: a drive that needs shorter steps is stiffer than any that is meant, and is not run
 _STIFF = 2.0  # step times the drive's rate; the scheme is stable up to 2.8
 
 
@@ -84,7 +85,12 @@ def _run(track: Track, guesses: Sequence[Guess]) -> np.ndarray:
         s[State.CRANK_ANGLE, lane], s[State.CRANK_SPEED, lane] = guess.angle, guess.speed
         s[State.DRIVE_INTEGRAL, lane] = guess.integral
     fastest = max(max(abs(guess.speed) for guess in guesses), float(np.abs(p[Parameter.DRIVE_SPEED]).max()))
-    step = min(longest_step(p[:, lane], fastest) for lane in range(count))
+    steps = np.array([longest_step(p[:, lane], fastest) for lane in range(count)])
+    lost = steps < _SHORTEST
+    if lost.all():
+        return np.full((count, len(track.values), len(track.channels)), np.nan)
+    p[:, :count][:, lost] = p[:, [int(np.argmin(lost))]]
+    step = float(steps[~lost].min())
     period = 1.0 / (track.rate * fine)
     substeps = max(1, int(np.ceil(period / step - 1e-9)))
     samples = (len(track.values) - 1) * fine + 1
@@ -106,4 +112,6 @@ def _run(track: Track, guesses: Sequence[Guess]) -> np.ndarray:
     filtered = np.array([channel != "crank_angle" for channel in track.channels])
     with np.errstate(all="ignore"):
         seen = respond(seen, track.rate * fine, track.low_pass, delay, filtered)[::fine]
-        return np.asarray(np.moveaxis(gain * seen + bias, 1, 0))
+        found = np.moveaxis(gain * seen + bias, 1, 0)
+    found[lost] = np.nan
+    return np.asarray(found)

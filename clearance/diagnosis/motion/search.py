@@ -8,7 +8,7 @@ from time import monotonic
 import numpy as np
 
 from clearance.diagnosis.motion.attempt import Attempt, Findings, inside, zero_of
-from clearance.diagnosis.motion.balance import suggest
+from clearance.diagnosis.motion.balance import Suggested, suggest
 from clearance.diagnosis.motion.beginning import begin
 from clearance.diagnosis.motion.fit import fit
 from clearance.diagnosis.motion.linkage import Linkage
@@ -25,6 +25,7 @@ _LEAST = 10.0  # decrease of the penalised cost for which a term is taken in
 _SURE = 3.3  # standard deviations that the best-known size of a term must lie off zero
 _PIECES, _TURNS, _FEWEST = 8, 1.25, 24  # pieces of all recordings; turns of the crank and samples of each
 _STRETCHES, _MOST = (10.0, 5.0, 2.5, 1.25), 48  # turns of the crank, from many to few; so many stretches
+_SHORT = _STRETCHES[-2:]
 _LOOK = 8.0  # s of each recording that are searched; the result is fitted to all of them
 _ALIKE = 10.0  # difference of prices below which two explanations are equivalent
 _LOST = 2.5  # likewise, from which on a drive with a controller is looked for
@@ -85,22 +86,45 @@ class Search:
         start = np.concatenate([self._nominal_values(), *self.linkage.values])
         return self.attempt(self.linkage.terms, start, self.begin, staged=True)
 
-    def _suggested(self) -> Attempt | None:
-        """What linkage and measured turning suggest, if the recordings are followed with it."""
-        tracks, linked = self.tracks, list(zip(self.linkage.terms, self.linkage.values, strict=True))
+    def _follow_suggested(self, findings: Findings) -> bool:
+        """Begin with the best of what linkage and measured turning suggest; whether it follows the recordings.
+
+        It is fitted to stretches of few turns, over which a run from values that are nearly right stays near,
+        and then to whole runs. Where these go astray all the same the stretches stay.
+        """
+        whole, nominal = self.tracks, findings.nominal
+        linked = list(zip(self.linkage.terms, self.linkage.values, strict=True))
         zeros = self.begin[:, 4].tolist()
         turns = np.maximum(np.abs(self.begin[:, 3]) / 60.0, _SLOWEST).tolist()
-        found = suggest(self.model, tracks, zeros, turns, linked, list(self.terms.values()), self.report)
-        if found is None:
-            return None
-        begun = self.begin.copy()
-        begun[:, 3] = found.speeds
-        self.report(
-            f"trying {' + '.join(t.label for t in (*self.linkage.terms, *found.terms)) or 'nothing more'}"
-        )
-        start = np.concatenate([found.uncertain, *self.linkage.values, *found.values])
-        attempt = self.attempt((*self.linkage.terms, *found.terms), start, begun, staged=True)
-        return attempt if self.judge(attempt).level.max() < _LOST else None
+        suggested = suggest(self.model, whole, zeros, turns, linked, list(self.terms.values()), self.report)
+        for self.turns in _SHORT if suggested else ():
+            self.tracks = self.cut(whole)
+            self.begin = self._begin(self.tracks)
+            findings.best = min((self._with(one, whole) for one in suggested), key=lambda a: a.price)
+            if self.judge(findings.best).level.max() < _LOST:
+                break
+        else:
+            self.tracks, self.begin, self.turns = whole, self._begin(whole), None
+            findings.best = nominal
+            return False
+        findings.nominal = self.attempt((), nominal.fit.shared, self.begin, staged=True)
+        short = (self.tracks, self.begin, self.turns, findings.nominal, findings.best)
+        self.report("fitting whole runs")
+        self.turns = None
+        self._refit(findings, whole)
+        if not self.judge(findings.best).enough:
+            self.tracks, self.begin, self.turns, findings.nominal, findings.best = short
+            self._shorten(findings, whole)
+        return True
+
+    def _with(self, suggested: Suggested, whole: Sequence[Track]) -> Attempt:
+        """A suggestion, fitted to the present stretches."""
+        terms, begun = (*self.linkage.terms, *suggested.terms), self.begin.copy()
+        speeds = dict(zip((track.name for track in whole), suggested.speeds, strict=True))
+        begun[:, 3] = [speeds[track.name] for track in self.tracks]
+        self.report(f"trying {' + '.join(term.label for term in terms) or 'nothing more'}")
+        start = np.concatenate([suggested.uncertain, *self.linkage.values, *suggested.values])
+        return self.attempt(terms, start, begun, staged=True)
 
     def _found(self, attempt: Attempt) -> list[Term]:
         """Terms that the linkage did not tell."""
@@ -311,10 +335,10 @@ class Search:
         nominal = self.nominal()
         findings = Findings(nominal, nominal)
         keep(findings)
-        if not self.judge(nominal).enough:
-            findings.best = self._suggested() or self._pieced(nominal, most)
+        if not self.judge(nominal).enough and not self._follow_suggested(findings):
+            findings.best = self._pieced(nominal, most)
             if findings.best.terms and not self.judge(findings.best).enough:
-                self._shorten(findings)
+                self._shorten(findings, self.tracks)
         keep(findings)
         while self.in_time and self.widen(findings, most):
             keep(findings)
@@ -327,10 +351,20 @@ class Search:
         self._refit(findings, self.cut(whole))
         if any(len(t.values) > _LOOK * t.rate for t in whole) and self.in_time and self.widen(findings, most):
             self.prune(findings)
+        self._drop(findings)
         self.question_zero(findings)
         findings.enough = self.judge(findings.best)
         keep(findings)
         return findings
+
+    def _drop(self, findings: Findings) -> None:
+        """Take out what is not surely there, the least sure first: nothing is asserted that may be off."""
+        while doubted := [
+            term for term in findings.best.terms if term.linear and findings.best.sureness(term) <= _SURE
+        ]:
+            least = min(doubted, key=findings.best.sureness)
+            self.report(f"without {least.label}, which is not surely there")
+            findings.best = self._changed(findings.best, least, None)
 
     def _pieced(self, nominal: Attempt, most: int) -> Attempt:
         """What a search on short pieces finds, fitted to the recordings; nothing if that is better."""
@@ -351,14 +385,13 @@ class Search:
             )
         return best
 
-    def _shorten(self, findings: Findings) -> None:
+    def _shorten(self, findings: Findings, whole: Sequence[Track]) -> None:
         """Fit stretches of fewer turns, each with a beginning of its own, until the machine follows them.
 
         A real machine is pushed about by what no model has, and its crank's phase gathers that: over many
         turns it goes astray even from a right model, whose numbers bend to follow it.
         """
-        whole = self.tracks
-        for self.turns in _STRETCHES:
+        for self.turns in [turns for turns in _STRETCHES if turns < (self.turns or np.inf)]:
             stretches = self.cut(whole)
             if len(stretches) > len(self.tracks):
                 self.report(f"fitting stretches of {self.turns:g} turns")

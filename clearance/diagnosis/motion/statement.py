@@ -47,12 +47,12 @@ def state(
     bias = next((e for e in named if e.name == "sensor_bias"), None)
     zero = encoder_zero(bias) if bias is not None and zero_known else None
     verdict = verdict_of(findings, alike, zero, held)
-    asserted = effects(findings, zero, _probability(findings))
+    asserted = effects(findings, zero, _probability(search, findings))
     turned = angles(nominal.fit, search.tracks)
     where = summary(over(nominal.fit, search.tracks, enough), turned, enough.channels, search.tracks[0].rate)
     shows = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > _SHOWS][:_MOST]
     shows = shows or list(enough.channels)[:1]
-    clearance, (singles, combinations) = clearance_of(best.fit), uncertain_of(best.fit)
+    clearance, (singles, combinations) = clearance_of(best.fit, enough.enough), uncertain_of(best.fit)
     names = [
         *(t.name for t in best.terms), *([zero.name] if findings.zero and zero is not None else [])
     ]  # fmt: skip
@@ -83,10 +83,11 @@ def state(
     }  # fmt: skip
 
 
-def _probability(findings: Findings) -> float:
-    """Of the best attempt among all: exp(-difference / 2) of prices."""
-    prices = np.array([a.price for a in (findings.best, findings.nominal, *findings.attempts)])
-    names = [a.label for a in (findings.best, findings.nominal, *findings.attempts)]
+def _probability(search: Search, findings: Findings) -> float:
+    """Of the best attempt among all that are sure of their terms: exp(-difference / 2) of prices."""
+    others = [a for a in findings.attempts if search.sure(a)]
+    prices = np.array([a.price for a in (findings.best, findings.nominal, *others)])
+    names = [a.label for a in (findings.best, findings.nominal, *others)]
     cheapest = {n: min(p for m, p in zip(names, prices, strict=True) if m == n) for n in names}
     weights = {n: float(np.exp(-0.5 * min(p - prices.min(), 1400.0))) for n, p in cheapest.items()}
     return weights[findings.best.label] / sum(weights.values())

@@ -125,8 +125,13 @@ def _described(
     return described
 
 
-def clearance_of(fit: Fit) -> dict[str, Any]:
-    """The clearance as the contract writes it: a number where it is seen, else its upper bound."""
+def clearance_of(fit: Fit, enough: bool) -> dict[str, Any]:
+    """The clearance as the contract writes it: a number where it is seen, else its upper bound.
+
+    Args:
+        fit: of the best attempt.
+        enough: whether it leaves nothing but noise: anything else makes a fraction of a millimetre, too.
+    """
     found: dict[str, Any] = {
         "joint": fit.model.joint,
         "before_m": None,
@@ -139,7 +144,7 @@ def clearance_of(fit: Fit) -> dict[str, Any]:
     place = len(fit.model.fixed_unknowns) - 1
     value, deviation = float(fit.shared[place]), float(fit.deviations[place])
     found["high_m"] = value + _Z * deviation
-    if value > _SEEN * deviation:
+    if enough and value > _SEEN * deviation:
         found |= {"after_m": value, "low_m": max(value - _Z * deviation, 0.0)}
     return found
 
