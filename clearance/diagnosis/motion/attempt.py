@@ -56,13 +56,18 @@ class Attempt:
                     return True
         return False
 
-    def doubtful(self, term: Term) -> set[str]:
-        """Parameters of a term that may as well be off, and those that have no meaning without them."""
+    def doubtful(self, term: Term, doubt: float = _DOUBT) -> set[str]:
+        """Parameters of a term that may as well be off, and those that have no meaning without them.
+
+        Args:
+            term: of this attempt.
+            doubt: standard deviations off zero below which a parameter may be.
+        """
         values, deviations = self.parameters(term)
         found = {
             term.unknowns[i].name
             for i in term.sizes
-            if np.isfinite(term.off[i]) and abs(values[i] - term.off[i]) < _DOUBT * deviations[i]
+            if np.isfinite(term.off[i]) and abs(values[i] - term.off[i]) < doubt * deviations[i]
         }
         if found:
             found |= {unknown.name for unknown in term.unknowns if unknown.shape}

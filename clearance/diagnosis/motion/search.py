@@ -22,6 +22,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 _NEARLY = 0.9  # of the gain of the best: so much from something simpler is preferred
 _FITTED = 4  # terms that are fitted in a round, after screening all
 _LEAST = 10.0  # decrease of the penalised cost for which a term is taken in
+_OFF = 2.0  # standard deviations off zero, up to which a number of several may be off
 _SURE = 3.3  # standard deviations that the best-known size of a term must lie off zero
 _PIECES, _TURNS, _FEWEST = 8, 1.25, 24  # pieces of all recordings; turns of the crank and samples of each
 _STRETCHES, _MOST = (10.0, 5.0, 2.5, 1.25), 48  # turns of the crank, from many to few; so many stretches
@@ -87,7 +88,7 @@ class Search:
         return self.attempt(self.linkage.terms, start, self.begin, staged=True)
 
     def _follow_suggested(self, findings: Findings) -> bool:
-        """Begin with the best of what linkage and measured turning suggest; whether it follows the recordings.
+        """Begin with the best of what linkage and measured turning suggest; whether it follows them.
 
         It is fitted to stretches of few turns, over which a run from values that are nearly right stays near,
         and then to whole runs. Where these go astray all the same the stretches stay.
@@ -359,12 +360,25 @@ class Search:
 
     def _drop(self, findings: Findings) -> None:
         """Take out what is not surely there, the least sure first: nothing is asserted that may be off."""
-        while doubted := [
-            term for term in findings.best.terms if term.linear and findings.best.sureness(term) <= _SURE
-        ]:
-            least = min(doubted, key=findings.best.sureness)
-            self.report(f"without {least.label}, which is not surely there")
-            findings.best = self._changed(findings.best, least, None)
+        while True:
+            best = findings.best
+            changes: list[tuple[Term, Term | None]] = [
+                (term, None)
+                for term in sorted(best.terms, key=best.sureness)
+                if term.linear and best.sureness(term) <= _SURE
+            ]
+            changes += [(term, new) for term in best.terms if (new := self._fewer(best, term)) is not None]
+            if not changes:
+                return
+            old, fewer = changes[0]
+            self.report(f"{fewer.label if fewer else 'nothing'} for {old.label}, which is not surely there")
+            findings.best = self._changed(best, old, fewer)
+
+    def _fewer(self, best: Attempt, term: Term) -> Term | None:
+        """The variant of a term without those of its numbers that may be off, if there is one."""
+        names = {u.name for u in term.unknowns} - best.doubtful(term, _OFF)
+        variants = [t for t in self.terms.values() if t.place == term.place]
+        return next((t for t in variants if {u.name for u in t.unknowns} == names and t is not term), None)
 
     def _pieced(self, nominal: Attempt, most: int) -> Attempt:
         """What a search on short pieces finds, fitted to the recordings; nothing if that is better."""
