@@ -376,9 +376,10 @@ class Search:
 
     def _fewer(self, best: Attempt, term: Term) -> Term | None:
         """The variant of a term without those of its numbers that may be off, if there is one."""
-        names = {u.name for u in term.unknowns} - best.doubtful(term, _OFF)
-        variants = [t for t in self.terms.values() if t.place == term.place]
-        return next((t for t in variants if {u.name for u in t.unknowns} == names and t is not term), None)
+        doubted = best.doubtful(term, _OFF)
+        names = {u.name for u in term.unknowns} - doubted
+        variants = [t for t in self.terms.values() if t.place == term.place] if doubted else []
+        return next((t for t in variants if {u.name for u in t.unknowns} == names), None)
 
     def _pieced(self, nominal: Attempt, most: int) -> Attempt:
         """What a search on short pieces finds, fitted to the recordings; nothing if that is better."""

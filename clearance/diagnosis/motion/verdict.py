@@ -223,8 +223,7 @@ def sentences(
     elif not (findings.enough.enough and held["after"] <= _CONFIRMED):
         lines.append(_left_words(findings.enough))
     if equivalents:
-        names = " or ".join(" with ".join(t.label for t in a.terms) for a in equivalents)
-        lines.append(f"With these sensors it cannot be told from {names}.")
+        lines += [_alike_words(findings.best, other) for other in equivalents]
     if asserted:
         helps = held["after"] < _HELPS * held["before"]
         lines.append(
@@ -233,6 +232,15 @@ def sentences(
         )
     lines += [_clearance_words(clearance), *_uncertain_words(*uncertain)]
     return lines
+
+
+def _alike_words(best: Attempt, other: Attempt) -> str:
+    """What explains as well, without what both explanations share."""
+    shared = {term.place for term in best.terms} & {term.place for term in other.terms}
+    ours, theirs = (
+        " with ".join(term.label for term in one.terms if term.place not in shared) for one in (best, other)
+    )
+    return f"With these sensors {ours or 'it'} cannot be told from {theirs or 'nothing more'}."
 
 
 def _left_words(enough: Explained) -> str:
