@@ -91,11 +91,11 @@ class SpeedControl(Drive):
 class DirectCurrentMotor(Drive):
     """A motor at constant voltage: torque falls linearly from stall to the no-load speed, so its speed sags.
 
-    T = T_stall (1 - omega / omega_0). Reference: Hughes & Drury, Electric Motors and Drives, ch. 3.
+    T = T_stall (omega_0 - omega) / |omega_0|. Reference: Hughes & Drury, Electric Motors and Drives, ch. 3.
 
     Attributes:
         stall_torque: [N m].
-        no_load_rpm: [rpm].
+        no_load_rpm: [rpm], either sense.
     """
 
     stall_torque: float = 1.0
@@ -104,7 +104,8 @@ class DirectCurrentMotor(Drive):
     code: ClassVar[int] = 1  # the controller's kernel with Ki = 0 and no ramp
 
     def __post_init__(self) -> None:
-        require(self, strict=True, stall_torque=self.stall_torque, no_load_rpm=self.no_load_rpm)
+        require(self, -2e4, 2e4, no_load_rpm=self.no_load_rpm)
+        require(self, strict=True, stall_torque=self.stall_torque, no_load_rpm=abs(self.no_load_rpm))
 
     def at_speed(self, speed_rpm: float) -> "DirectCurrentMotor":
         """The same motor at the voltage of another no-load speed [rpm]."""
@@ -114,7 +115,7 @@ class DirectCurrentMotor(Drive):
         """Entries of the parameter vector."""
         no_load = self.no_load_rpm * pi / 30.0
         return {
-            Parameter.DRIVE_PROPORTIONAL: self.stall_torque / no_load,
+            Parameter.DRIVE_PROPORTIONAL: self.stall_torque / abs(no_load),
             Parameter.DRIVE_INTEGRAL_GAIN: 0.0,
             Parameter.DRIVE_SPEED: no_load,
             Parameter.DRIVE_RAMP_START: 1.0,

@@ -102,7 +102,7 @@ class Search:
             self.tracks = self.cut(whole)
             self.begin = self._begin(self.tracks)
             findings.best = min((self._with(one, whole) for one in suggested), key=lambda a: a.price)
-            if self.judge(findings.best).level.max() < _LOST:
+            if np.isfinite(findings.best.price) and self.judge(findings.best).level.max() < _LOST:
                 break
         else:
             self.tracks, self.begin, self.turns = whole, self._begin(whole), None

@@ -90,6 +90,18 @@ def test_channels_that_count_the_other_way_are_turned(senses):
     assert found.oriented(other).values == pytest.approx(track.values)
 
 
+def test_a_motor_turns_either_way_alike():
+    track = Track("", np.zeros((100, 2)), ("crank_angle", "crank_speed"), 50.0)
+    level = replace(RIG, guide_offset=0.0)
+    found = []
+    for sense in (1.0, -1.0):
+        machine = replace(level, drive=DirectCurrentMotor(0.3, sense * 150.0))
+        found.append(predict(track, [Guess(machine, Instrument(), sense * 0.3, sense * 9.0, 0.0)]))
+    there, back = found
+    assert np.isfinite(there).all()
+    assert back == pytest.approx(-there, abs=1e-9)
+
+
 def test_laws_accelerate_the_crank_as_they_do_in_a_run():
     machine = motor(gravity=(9.81, 0.0))
     rate = 2000.0
