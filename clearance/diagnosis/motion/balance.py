@@ -34,6 +34,7 @@ _WINDOW, _FEWEST, _OVERLAP = 0.25, 6, 4  # turns and samples of a mean; means th
 _SAMPLES = 4000  # of a recording that are looked at
 _BAD = 1e6  # rad/s^2 of a machine that does not run
 _SAGS, _FASTEST = 1.2, 2e4  # times the mean speed, where a motor's without load begins; rpm, its bound
+_MEANS = 20  # fewer say nothing
 _ALIKE, _MOST = 10.0, 4  # difference of prices up to which sets agree alike; how many of them are given
 _LOOSE = 1e-2  # of the accelerations' size: what a prior's standard deviation weighs
 
@@ -97,7 +98,7 @@ def suggest(
 
     Args:
         model: nominal, without terms.
-        tracks: recordings; nothing is said where one has no crank_angle.
+        tracks: recordings; nothing is said where one has no crank_angle, or all are shorter than a few means.
         zeros: of each recording's encoder [rad].
         turns: of the crank in each [1/s].
         linked: terms that the linkage told, with their values.
@@ -106,7 +107,10 @@ def suggest(
     """
     if not all("crank_angle" in track.channels for track in tracks):
         return []
-    search = _Fitting(model, [_Turning(*one) for one in zip(tracks, zeros, turns, strict=True)], linked)
+    turnings = [_Turning(*one) for one in zip(tracks, zeros, turns, strict=True)]
+    if sum(len(one.shown) for one in turnings) < _MEANS:
+        return []
+    search = _Fitting(model, turnings, linked)
     given = {term.place for term, _ in linked}
     known = [term for term in terms if term.place not in given]
     motors = [term for term in known if term.label == _MOTOR]

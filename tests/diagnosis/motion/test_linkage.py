@@ -144,6 +144,14 @@ def test_what_comes_back_with_the_angle_is_seen_over_many_short_stretches():
         assert found.structured.any() == seen
 
 
+def test_a_measured_turning_of_less_than_a_few_means_says_nothing():
+    track = recorded(motor(), seconds=1.2)
+    nominal = replace(RIG, drive=SpeedControl(150.0))
+    terms = list(terms_of(track, nominal).values())
+    for turns in (0.2, 0.8):
+        assert suggest(Model(nominal, "C"), [track], [0.0], [turns], [], terms, print) == []
+
+
 def test_bounds_of_a_dimension_count_from_the_machines_own():
     (offset,) = load_effects("slider_offset")
     (own,) = offset.around(RIG).free
