@@ -28,11 +28,10 @@ _LABELS = (
 )
 _ZEROS = 72  # of an encoder, from which the best begins
 _SAMPLES = 2000  # of a recording that are looked at
-_TURNED = (
-    0.5  # of what is left in the declared senses: so little in others says that these are the right ones
-)
+_TURNED = 0.5  # of what is left in the declared senses, root mean square: less in others, and these hold
 _DOUBT = 3.0  # times the deviation of independent samples, which these are not
 _RIDGE = 1e-12
+_SUREST = 1e-4  # rad, of an encoder's zero: without noise a deviation is none
 _MATERIAL = 0.9  # of what is left without a term: with one that is worth it no more than that is
 
 
@@ -97,13 +96,16 @@ def link(tracks: Sequence[Track], machine: SliderCrank, terms: Mapping[str, Term
     some, (own, *values), (wide, *deviations) = _chosen(pairs, machine, joint, known, zeros)
     named = {track.name: float(zero) for track, zero in zip(tracks, own, strict=True)}
     sure = [_sure(*one) for one in zip(some, values, deviations, strict=True)]
-    return Linkage(tuple(sure), tuple(values), named, float(wide.max()), tuple(turned))
+    return Linkage(tuple(sure), tuple(values), named, max(float(wide.max()), _SUREST), tuple(turned))
 
 
 def _sure(term: Term, values: np.ndarray, deviations: np.ndarray) -> Term:
-    """A term that stays where the linkage has it, as far as that is sure."""
-    unknowns = zip(term.unknowns, values, deviations, strict=True)
-    return replace(term, unknowns=tuple(replace(u, prior=(float(v), float(d))) for u, v, d in unknowns))
+    """A term that stays where the linkage has it, as far as that is sure, but no surer than its step."""
+    known = [
+        replace(u, prior=(float(v), max(float(d), u.step)))
+        for u, v, d in zip(term.unknowns, values, deviations, strict=True)
+    ]
+    return replace(term, unknowns=tuple(known))
 
 
 @dataclass(frozen=True)

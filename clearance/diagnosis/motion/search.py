@@ -421,9 +421,9 @@ class Search:
         found = []
         for track in tracks:
             rate = abs(float(begin(track, self.speeds)[3])) / 60.0
-            found += track.cut(max(_FEWEST, round(self.turns / max(rate, _SLOWEST) * track.rate)))
-        every = -(-len(found) // _MOST)
-        return found[::every]
+            found.append(track.cut(max(_FEWEST, round(self.turns / max(rate, _SLOWEST) * track.rate))))
+        every = -(-sum(map(len, found)) // _MOST)
+        return [stretch for one in found for stretch in one[::every]]  # of each recording one at least
 
     def _refit(self, findings: Findings, tracks: list[Track]) -> None:
         """The best and the nominal attempt, fitted anew to other stretches of the recordings."""

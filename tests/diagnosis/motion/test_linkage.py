@@ -14,6 +14,7 @@ from clearance.diagnosis.motion.model import Model, gather
 from clearance.diagnosis.motion.outcome import diagnose
 from clearance.diagnosis.motion.prediction import Guess, predict
 from clearance.diagnosis.motion.rest import angles, explained
+from clearance.diagnosis.motion.search import Search
 from clearance.diagnosis.motion.track import Track
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.mechanism.drive import DirectCurrentMotor, SpeedControl
@@ -27,12 +28,12 @@ RIG = SliderCrank(
 CHANNELS = ("crank_angle", "crank_speed", "slider_position", "slider_velocity")
 
 
-def recorded(machine, zero=0.0, instrument=None, speed=12.0, seed=1, seconds=6.0):
+def recorded(machine, zero=0.0, instrument=None, speed=12.0, seed=1, seconds=6.0, noise=1.0):
     """Samples at 50 Hz of a machine with ideal joints, with the noise of a cheap encoder."""
     blank = Track("rig", np.zeros((round(50.0 * seconds), 4)), CHANNELS, 50.0)
     values = predict(blank, [Guess(machine, instrument or Instrument(), 0.5, speed, 0.0)])[0]
     values[:, 0] += zero
-    noise = np.array([2e-3, 0.1, 3e-4, 1e-2]) * np.random.default_rng(seed).normal(size=values.shape)
+    noise = noise * np.array([2e-3, 0.1, 3e-4, 1e-2]) * np.random.default_rng(seed).normal(size=values.shape)
     return Track("rig", values + noise, CHANNELS, 50.0)
 
 
@@ -56,6 +57,26 @@ def test_nothing_is_said_where_nothing_is_wrong():
     found = link([track], RIG, terms_of(track, RIG), "C")
     assert (found.terms, found.turned) == ((), ())
     assert found.zero("rig") == pytest.approx(0.0, abs=2e-3)
+
+
+def test_without_noise_nothing_is_surer_than_a_number_can_be():
+    faults = Instrument().changed("bias", -0.3, "slider_position")
+    track = recorded(motor(), 0.0, faults, noise=0.0)
+    found = link([track], RIG, terms_of(track, RIG), "C")
+    assert [term.label for term in found.terms] == ["sensor_bias(slider_position)"]
+    assert found.deviation >= 1e-4
+    (unknown,) = found.terms[0].unknowns
+    assert unknown.prior[1] >= unknown.step
+
+
+def test_of_many_recordings_in_stretches_none_is_left_out():
+    short = recorded(motor(), seconds=1.2)
+    tracks = [recorded(motor(), seconds=60.0), *(replace(short, name=name) for name in "abc")]
+    search = Search(tracks, RIG, "C", {}, {}, Linkage(), (1.0, 300.0), 1.0, 1, print)
+    search.turns = 1.25
+    names = [stretch.name for stretch in search.cut(tracks)]
+    assert set(names) == {"rig", "a", "b", "c"}
+    assert len(names) <= 52
 
 
 def test_without_angle_or_position_nothing_is_said():
