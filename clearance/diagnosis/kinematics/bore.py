@@ -7,7 +7,8 @@ import numpy as np
 from clearance.diagnosis.kinematics.rigid_motion import Felt
 from clearance.mechanism.parameters import JOINT_STRIDE, Parameter
 
-_TILTED = 3  # times that the direction from the centre is corrected where the bore is not round
+_TILTS = 65  # of the surface against the force that are compared where the bore is not round
+_FORCED, _PLACED = 0.1, 0.5  # rad: how well the force tells the normal, and the path where the journal is
 
 
 @dataclass(frozen=True)
@@ -54,13 +55,39 @@ class Bore:
         """(samples,) clearance in (samples, 2) directions [m]."""
         return self._lobes(self.angle(normal, felt))[0]
 
-    def rest(self, normal: np.ndarray, felt: Felt) -> np.ndarray:
-        """(2, samples) where a journal rests whose force has these directions: along them and across [m]."""
+    def tilt(self, place: np.ndarray, felt: Felt) -> np.ndarray:
+        """(samples,) by how much the surface's normal lags behind (samples, 2) places [rad]."""
+        radius, slope = self._lobes(self.angle(place, felt))
+        return np.arctan2(slope, radius)
+
+    def rest(self, normal: np.ndarray, felt: Felt, place: np.ndarray | None = None) -> np.ndarray:
+        """Where a journal rests whose force has certain directions.
+
+        Where lobes are deep several places of the bore have the same normal: (c + a k^2 > c, about). It is
+        the one near which the journal is, or where the force presses it to as long as nobody knows.
+
+        Args:
+            normal: (samples, 2) directions of the force.
+            felt: on the path.
+            place: (samples, 2) of the journal [m], as far as it is known.
+
+        Returns:
+            (2, samples) along the directions and across [m].
+        """
+        if self.amplitude == 0.0:
+            return np.stack([np.full(len(normal), self.clearance), np.zeros(len(normal))])
+        steepest = np.arctan2(self.order * abs(self.amplitude), self.clearance - abs(self.amplitude))
+        tried = steepest * np.linspace(-1.0, 1.0, _TILTS)[:, None]
         pressed = self.angle(normal, felt)
-        tilt = np.zeros(len(normal))
-        for _ in range(_TILTED):  # the surface's normal is not radial
-            radius, slope = self._lobes(pressed + tilt)
-            tilt = np.arctan2(slope, radius)
+        radius, slope = self._lobes(pressed + tried)
+        if place is None:
+            cost = -radius * np.cos(tried)
+        else:
+            behind = self.angle(place, felt) - pressed
+            off = np.angle(np.exp(1j * (behind - tried)))
+            cost = ((np.arctan2(slope, radius) - tried) / _FORCED) ** 2 + (off / _PLACED) ** 2
+        best = cost.argmin(axis=0)
+        tilt, radius = tried[best, 0], radius[best, np.arange(len(normal))]
         return radius * np.stack([np.cos(tilt), np.sin(tilt)])
 
     def _lobes(self, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -136,7 +136,7 @@ def reconstruct(
             )
         if iteration:
             for j in range(loose):
-                rests = _resting(felt, bores[j], state, j, iteration > 2)
+                rests = _resting(felt, bores[j], state, j, iteration > 1, iteration > 2)
                 target[:, 2 * j : 2 * j + 2], sight[:, 2 * j : 2 * j + 2], doubt[:, 2 * j : 2 * j + 2] = rests
         rows = np.column_stack([felt.signals, felt.imbalance])
         slope = slopes(parameters, joints, measured.signals, state, inputs, lifted)
@@ -154,7 +154,7 @@ def reconstruct(
     error = (steady - felt.signals) ** 2 / noise[:, :-1]
     cost = np.minimum(error, 9.0).mean()
     for j in range(loose):
-        cost += _strain(*_resting(felt, bores[j], state, j, False), state, j)
+        cost += _strain(*_resting(felt, bores[j], state, j, True, False), state, j)
     nodes = np.zeros((-(-count // SAMPLES), STATES))
     nodes[:, State.CRANK_ANGLE] = state[::SAMPLES, CRANK_ANGLE]
     nodes[:, State.CRANK_SPEED] = state[::SAMPLES, CRANK_SPEED]
@@ -292,11 +292,12 @@ def _drive(p: np.ndarray, state: np.ndarray, period: float) -> tuple[np.ndarray,
 
 
 def _resting(
-    felt: Felt, bore: Bore, state: np.ndarray, j: int, settled: bool
+    felt: Felt, bore: Bore, state: np.ndarray, j: int, placed: bool, settled: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What force and gap say about the eccentricity: target, direction seen, doubt [m], along and across.
 
-    Once the path has settled, a sample that contradicts it weighs little: around an impact the filter rings,
+    Once the journal is ``placed``, it tells which of several places with a normal it is at. Once the path has
+    ``settled``, a sample that contradicts it weighs little: around an impact the filter rings,
     and the force seems to point the other way.
     """
     push = bore.force(felt)
@@ -308,7 +309,7 @@ def _resting(
     normal = np.where(loaded[:, None], push / np.maximum(size, 1e-9)[:, None], place / distance[:, None])
     outside = ~loaded & (distance > bore.radius(normal, felt))
     depth = (size / bore.stiffness) ** (2.0 / 3.0)
-    target = bore.rest(normal, felt).T
+    target = bore.rest(normal, felt, place if placed else None).T
     target[:, 0] += np.where(loaded, depth, 0.0)
     sight = np.stack([normal, np.stack([-normal[:, 1], normal[:, 0]], axis=1)], axis=1)
     doubt = np.full((len(size), 2), np.inf)
@@ -334,13 +335,17 @@ def _write(nodes: np.ndarray, felt: Felt, state: np.ndarray, j: int, bore: Bore)
     size = np.hypot(*bore.force(felt).T)
     typical = float(np.median(size))
     distance = np.maximum(np.hypot(*place.T), 1e-9)
-    normal = place / distance[:, None]
-    radius = bore.radius(normal, felt) / gap
+    out = place / distance[:, None]
+    radius, tilt = bore.radius(out, felt) / gap, bore.tilt(out, felt)
+    sine, cosine = np.sin(tilt), np.cos(tilt)
+    normal = np.stack(
+        [cosine * out[:, 0] + sine * out[:, 1], cosine * out[:, 1] - sine * out[:, 0]], axis=1
+    )  # fmt: skip
     approach = (rate * normal).sum(axis=1)
     share, near, slow = _CONTACT
     touching = (size > share * typical) & (distance > near * radius) & (np.abs(approach) * gap < slow)
-    depth = (size / bore.stiffness) ** (2.0 / 3.0) / gap
-    place = normal * np.where(touching, radius + depth, np.minimum(distance, _INSIDE * radius))[:, None]
+    depth = (size / bore.stiffness) ** (2.0 / 3.0) / gap / cosine
+    place = out * np.where(touching, radius + depth, np.minimum(distance, _INSIDE * radius))[:, None]
     rate = np.where(touching[:, None], rate - approach[:, None] * normal, rate)
     memory, last = np.zeros(len(size)), 5e-3
     for i in range(1, len(size)):

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained
-from clearance.diagnosis.hypotheses.hypothesis import same
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, same
 from clearance.diagnosis.searching.balance import settle_in, suggest_forces
 from clearance.diagnosis.searching.beside import HALFWAY, NEARLY_ALL
 from clearance.diagnosis.searching.elsewhere import rhythm_of
@@ -135,17 +135,34 @@ def begin_dimensions(
             return
 
 
-def begin_wear(search: Search, explanation: Explanation, base: Attempt) -> None:
+def begin_wear(
+    search: Search,
+    explanation: Explanation,
+    base: Attempt,
+    forces: Sequence[Hypothesis] = (),
+    sizes: np.ndarray | None = None,
+    most: float = np.inf,
+) -> None:
     """Fit a worn bearing beside ``base``, from the lobes that the motion shows, on paths sought anew.
 
     How much better the motion agrees says little: beside a missing force lobes do, too (a tenth was seen).
     By 5 % noise it shows them too small (49 um of 83, at a phase 0.3 off), and the gap with them.
+
+    Args:
+        search: after its nominal stage.
+        explanation: added to.
+        base: what explains a part.
+        forces: that are fitted beside it, too.
+        sizes: (unknowns,) of these.
+        most: of the motion's disagreement that lobes may leave.
     """
+    sizes = np.zeros(0) if sizes is None else sizes
+    known = np.append(base.fit.values[0, 1 : base.model.shared], sizes)
     try:
-        one = suggest_wear(search, base)
+        one = suggest_wear(search, [*base.hypotheses, *forces], known)
     except (InputError, np.linalg.LinAlgError):
         return
-    if one is None:
+    if one is None or one.share > most:
         return
     shown = ", ".join(f"{value:.3g}" for value in one.values)
     search.report(
@@ -154,8 +171,8 @@ def begin_wear(search: Search, explanation: Explanation, base: Attempt) -> None:
     )
     amplitude, order, phase = one.values
     for larger in _LARGER:
-        size = np.array([larger * amplitude, order, phase])
+        size = np.append(sizes, [larger * amplitude, order, phase])
         gap = one.clearance + (larger - 1.0) * amplitude  # what is seen of it is beside the lobes
-        fit_from(search, explanation, base, [one.hypothesis], size, gap, anew=True)
+        fit_from(search, explanation, base, [*forces, one.hypothesis], size, gap, anew=True)
         if explained(explanation.best) or search.late():
             return

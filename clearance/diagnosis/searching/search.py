@@ -180,9 +180,11 @@ class Search:
         if base.scale > ANNEALING[3]:
             return self.follow_anew(held, base, values, limit)
         found = refine(held, self.setting.model(held), base.followers, values, ANNEALING[3], 8, self.workers)
-        if explained(found) or not found.misfit < 1.0 + _LEFT * (base.misfit - 1.0):
+        if explained(found) or 1.0 + _LEFT * (base.misfit - 1.0) <= found.misfit <= base.misfit:
             return found
-        return self.follow_anew(held, base, found.fit.values, limit, found)
+        # more unknowns leave no more at their minimum: a fit that does has torn the path of ``base``
+        begun = values if found.misfit > base.misfit else found.fit.values
+        return self.follow_anew(held, base, begun, limit, found)
 
     def follow_anew(
         self,

@@ -5,12 +5,12 @@ order are tried at some phases; the best ones are then fitted, with the clearanc
 recordings.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
-from clearance.diagnosis.following.attempt import Attempt
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.kinematics.agreement import COMPARED, agreement, profile
 from clearance.diagnosis.searching.search import Search
@@ -19,7 +19,7 @@ from clearance.errors import InputError
 WORN = "worn_bearing"
 _PHASES = 0.25 * np.pi * np.arange(8)
 # of the clearance: amplitudes with which phases are compared; twice the true one agrees no better than none
-_TRIED = (0.02, 0.08)
+_TRIED = (0.02, 0.08, 0.16)
 _STEP, _MOST = 0.05, 40  # of the clearance: of the first simplex; machines that are compared
 
 
@@ -40,14 +40,17 @@ class Wear:
     share: float
 
 
-def suggest_wear(search: Search, base: Attempt) -> Wear | None:
+def suggest_wear(search: Search, held: Sequence[Hypothesis], sizes: np.ndarray) -> Wear | None:
     """The lobes with which the motion of all recordings agrees best; ``None`` if nobody asks for them.
 
     Args:
         search: after its nominal stage.
-        base: whose effects and faults are known; a guide line that lies elsewhere would hide the lobes.
+        held: effects and faults that are known; a guide line that lies elsewhere, or a force that presses the
+            journal elsewhere, would hide the lobes.
+        sizes: (unknowns,) of these.
 
     Raises:
+        InputError: a law that does not take them.
         LinAlgError: links that reach at no clearance.
     """
     worn = [h for group in search.groups.values() for h in group if h.name == WORN]
@@ -56,10 +59,11 @@ def suggest_wear(search: Search, base: Attempt) -> Wear | None:
         return None
     alignments, workers = search.alignments, search.workers
     recordings, setting, shown = search.recordings, search.setting, search.profile
-    if base.hypotheses:
-        values = base.fit.values[0]
-        setting = replace(setting, machine=base.model.machine(values))
-        recordings = [one.undone(base.model.instrument(values)) for one in recordings]
+    if held:
+        model = setting.model(held)
+        values = np.array([search.clearance, *sizes, search.traces[0].speed])
+        setting = replace(setting, machine=model.machine(values))
+        recordings = [one.undone(model.instrument(values)) for one in recordings]
         shown = profile(recordings, alignments, setting.with_clearance, workers)
     clearance = shown.best
 
