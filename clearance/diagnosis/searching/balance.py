@@ -38,6 +38,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 _BALANCED = 3.0  # mean square in units of the scatter up to which nothing need be missing here
 _QUIET = 1.2  # of it: up to which nothing can be told
 _FAINT = 0.05  # of the slider's inertia force: where no less shows beside the scatter, nothing can either
+_SURELY = 0.25  # of the imbalance: a name that leaves less is there, though no path may be followed with it
 _TAKEN = 0.12  # of it: what an effect takes away at least for each of its sizes (wrong ones 0.06 for one)
 _FREE = 0.65  # likewise of a force of free form
 _SOME = 0.85  # likewise of one that is tried only where nothing else is near
@@ -74,6 +75,12 @@ class Suggested:
     weak: Balanced | None = None
     lacking: float = 0.0
     blind: bool = False
+
+    @property
+    def sure(self) -> Balanced | None:
+        """The best name, if it is there whatever else is: it leaves little of the imbalance."""
+        best = next((one for one in self.forces if one.curve is None), None)
+        return best if best is not None and best.cost < _SURELY * self.lacking else None
 
 
 def suggest_forces(

@@ -50,6 +50,7 @@ from clearance.diagnosis.searching.work import Balanced
 _HALF = 0.5  # of what is missing: a named force that leaves less may stand for one without a name
 _FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
 _MANY, _ACCUSED = 7, 0.4  # channels of which one can be spared; left of the motion's disagreement without it
+_RAILED = 0.35  # of the motion's disagreement: rails that leave less come before any force
 _PAIRS = 3  # pairs that are fitted
 
 
@@ -77,6 +78,7 @@ class Course:
         pushed: forces that the balance of work suggests.
         deafened: channels without which a fit was tried.
         displaced: the dimension that was tried first.
+        railed: whether the motion left no doubt of rails.
         curved, explored: whether forces of free form, and effects that no linear look can judge, were tried.
     """
 
@@ -89,7 +91,7 @@ class Course:
         self.pushed: list[Balanced] = []
         self.deafened: list[str] = []
         self.displaced: Dimension | None = None
-        self.curved = self.explored = False
+        self.curved = self.explored = self.railed = False
 
     def over(self) -> bool:
         """Whether the recordings are explained well enough, or time is over."""
@@ -132,6 +134,13 @@ class Course:
         if self.nominal.misfit > FAR:
             self.displaced = begin_displaced(self.search, self.explanation, self._dimensions, self.most)
 
+    def rails(self) -> None:
+        """A guide that is beyond doubt loose by the motion."""
+        if self.nominal.misfit > FAR:
+            self.railed = begin_guide(
+                self.search, self.explanation, most=_RAILED, together=self.most > 1
+            )  # fmt: skip
+
     def balance(self) -> None:
         """Where the path is far, what gives the torque that the motion needs."""
         if self.nominal.misfit >= NEARLY:
@@ -156,7 +165,11 @@ class Course:
         if self.explanation.rails is None:  # on a frame that gives way they were looked for before
             part = unfinished(self.explanation, self.most)
             drives = part in self.built_on and part.hypotheses[0].name not in GEOMETRIC and _sound(part)
-            begin_guide(self.search, self.explanation, None, part if drives else None)
+            if drives:
+                sizes = part.fit.values[0, 1 : part.model.shared]
+                begin_guide(self.search, self.explanation, None, part.hypotheses, sizes)
+            elif not self.railed:
+                begin_guide(self.search, self.explanation, together=self.most > 1)
         if not self._settled():
             begin_dimensions(self.search, self.explanation, self._dimensions, self.displaced, self.most)
 
@@ -348,12 +361,13 @@ class Course:
 
 STEPS: tuple[Callable[[Course], None], ...] = (
     Course.frame, Course.build_on, Course.obvious, Course.build_on, Course.cushion, Course.clock,
-    Course.sensor, Course.build_on, Course.dimension, Course.build_on, Course.balance, Course.lead,
-    Course.plain, Course.motion, Course.curve_near, Course.joint, Course.build_on, Course.together,
-    Course.build_on, Course.balance_near, Course.inside, Course.likely, Course.build_on, Course.reshaped,
-    Course.plausible, Course.build_on, Course.unlikely, Course.build_on, Course.curve, Course.elsewhere,
-    Course.build_on, Course.share, Course.unlikely_faults, Course.build_on, Course.pair, Course.build_on,
-    Course.displaced_paths, Course.build_on, Course.other_curve, Course.again, Course.build_on,
+    Course.sensor, Course.build_on, Course.dimension, Course.build_on, Course.rails, Course.balance,
+    Course.lead, Course.plain, Course.motion, Course.curve_near, Course.joint, Course.build_on,
+    Course.together, Course.build_on, Course.balance_near, Course.inside, Course.likely, Course.build_on,
+    Course.reshaped, Course.plausible, Course.build_on, Course.unlikely, Course.build_on, Course.curve,
+    Course.elsewhere, Course.build_on, Course.share, Course.unlikely_faults, Course.build_on,
+    Course.pair, Course.build_on, Course.displaced_paths, Course.build_on, Course.other_curve,
+    Course.again, Course.build_on,
 )  # fmt: skip
 """What is likely and cheap first, what is rare and dear last; what explains a part is built on at once."""
 

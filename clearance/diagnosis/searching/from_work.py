@@ -13,6 +13,7 @@ from clearance.diagnosis.searching.elsewhere import begin_again
 from clearance.diagnosis.searching.everywhere import between, fit_from
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.from_motion import begin_wear
+from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.tables import place_jumps, refine_table
 from clearance.diagnosis.searching.work import Balanced
@@ -23,7 +24,6 @@ _FITTED, _PAIRS = 3, 5  # of the names that are suggested, of the tables too, an
 _CLEARLY = 0.1  # of what any other leaves of the imbalance: that effect is there, alone or as one of two
 _TOGETHER = 0.75  # of the price of any effect alone: two that cost less come before tables
 _AS_CHEAP = 1.1  # times the price of the best two: others are tried as well
-_SURELY = 0.25  # of the imbalance: a name that leaves less is there, though no path was followed with it
 _WORN = 0.85  # of the motion's disagreement: beside such a name lobes that leave less may be why
 _NO_LESS = 0.9  # of what a name leaves of the imbalance: a table that leaves more says no more
 
@@ -64,7 +64,7 @@ class _Balancing:
         self.pairs = suggested.pairs
         self._together = _clear_pairs(suggested) if most > 1 else []
         self._names: list[set[str]] = []  # that were tried
-        self._worn = False  # whether lobes were
+        self._sure = suggested.sure if most > 1 else None  # beside which the motion was not asked yet
         self._named_cost = np.inf  # what the best name that explains a share leaves of the imbalance
 
     def run(self) -> None:
@@ -111,7 +111,7 @@ class _Balancing:
         """Fit one force, a table then with more knots or with jumps; whether it explains nearly all."""
         found, table = _follow_table(self.search, self.explanation, one)
         if found is None or (one.curve is None and not self._shares(found)):
-            self._wear(one)
+            self._ask_motion(one)
         if found is None:
             return False
         if table is not None and not explained(found):
@@ -127,14 +127,14 @@ class _Balancing:
     def _shares(self, found: Attempt) -> bool:
         return found.misfit < SHARED * self.explanation.nominal.misfit
 
-    def _wear(self, one: Balanced) -> None:
-        """Fit lobes beside a name that is surely there, once: they do no work, and no path is near."""
-        sure = one.curve is None and one.cost < _SURELY * self.suggested.lacking
-        if sure and not self._worn and len(one.hypotheses) < self.most and not self.search.late():
-            self._worn = True
-            begin_wear(
-                self.search, self.explanation, self.explanation.nominal, one.hypotheses, one.values, _WORN
-            )  # fmt: skip
+    def _ask_motion(self, one: Balanced) -> None:
+        """Fit rails or lobes beside a name that is surely there: they do no work, and no path is near."""
+        if one is not self._sure or len(one.hypotheses) == self.most or self.search.late():
+            return
+        self._sure, search, explanation = None, self.search, self.explanation
+        if begin_guide(search, explanation, None, one.hypotheses, one.values) or search.late():
+            return
+        begin_wear(search, explanation, explanation.nominal, one.hypotheses, one.values, _WORN)
 
     def _one_of_two(self, one: Balanced) -> bool:
         """Whether beside an effect that is surely there, alone or as one of two, a second one helps."""

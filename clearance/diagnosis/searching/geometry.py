@@ -45,7 +45,8 @@ _CLEARLY = 0.9  # of the disagreement without it
 _MUCH = 0.25  # by which it falls at least: below, a second gap takes up what a friction does (0.2 seen)
 _SMALL = 4  # of the clearances that are compared: at smaller ones motions differ little
 _MISLED = 0.5  # of the disagreement: less is left without a channel whose sensor is at fault
-_RAILED = 0.6  # likewise, between the right rails
+RAILED = 0.6
+"""Likewise, between the right rails."""
 _SHOWN = 5.0  # times the noise: what a slider that leaves its line shows
 _SYSTEMATIC = 0.1  # of a clearance or a gap: a shoe that tilts lies elsewhere than one that does not
 _CLOSER = 8  # sizes that are compared around the best one
@@ -148,12 +149,13 @@ def suggest_clock(search: Search) -> Dimension | None:
     return best
 
 
-def suggest_guide(search: Search, shown: Shown) -> Dimension | None:
+def suggest_guide(search: Search, shown: Shown, most: float = RAILED) -> Dimension | None:
     """Play of the slider in its guide, where its height along the motion shows rails and the motion agrees.
 
     Args:
         search: with its recordings.
         shown: what else the motion shows.
+        most: of the motion's disagreement that rails may leave.
 
     Raises:
         LinAlgError: a linkage that does not turn.
@@ -178,7 +180,7 @@ def suggest_guide(search: Search, shown: Shown) -> Dimension | None:
         recordings, alignments, lambda c: hypothesis.apply(setting.with_clearance(c), size), workers
     )
     share = float(beside.misfit.min() / shown.profile.misfit.min())
-    if share > _RAILED:
+    if share > most:
         return None
     search.report(
         f"  the slider strikes rails that leave it {gap * 1e6:.3g} um on each side, with a clearance of "

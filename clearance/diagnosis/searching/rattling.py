@@ -11,6 +11,7 @@ Smith 1993, IEE Proc. F 140(2) (draws of what is not seen).
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -29,9 +30,17 @@ from clearance.diagnosis.following.particles import Found, ways_on
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.kinematics.shaking import LIFTED
+from clearance.diagnosis.searching.balance import suggest_forces
 from clearance.diagnosis.searching.beside import beside
 from clearance.diagnosis.searching.explanation import Explanation, Rails
-from clearance.diagnosis.searching.geometry import LOOSE_GUIDE, Shown, measure_rails, suggest_guide
+from clearance.diagnosis.searching.geometry import (
+    LOOSE_GUIDE,
+    RAILED,
+    Dimension,
+    Shown,
+    measure_rails,
+    suggest_guide,
+)
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.shooting.covariance import deviations
 from clearance.diagnosis.shooting.fit import fit
@@ -51,47 +60,64 @@ _FITTED = 8  # of them between two fits
 _TOLD = 24  # of them that tell both, where no way leads on
 _LOOKS = 24  # times that states are drawn on them
 _HOPELESS = 30.0  # misfit of the first fit from a false island
+_MUCH, _FORCES = 0.5, 2  # of the imbalance: forces that leave less are tried; how many
+_Forces = tuple[tuple[Hypothesis, ...], np.ndarray]
+_NOTHING: _Forces = ((), np.zeros(0))
 _Ways = list[tuple[int, Iterator[Found | None]]]
 """Segments at which a path was lost, and what is left of the ways on from each."""
 
 
 def begin_guide(
-    search: Search, explanation: Explanation, shown: Shown | None = None, part: Attempt | None = None
-) -> None:
+    search: Search,
+    explanation: Explanation,
+    shown: Shown | None = None,
+    forces: Sequence[Hypothesis] = (),
+    sizes: np.ndarray | None = None,
+    most: float = RAILED,
+    together: bool = True,
+) -> bool:
     """Fit play of the slider in its guide, from the gap that the motion shows.
 
     On four machines that is off by 5 to 22 %, and the clearance beside it by 0.5 to 3 %. Where no sensor on
     the slider feels its height, play in the other joint shows the same motion of the rod: rails are believed
-    then only once a path was followed between them.
+    then only once a path was followed between them. What strikes at rails turns the crank, so that the
+    balance of work is asked again between them.
 
     Args:
         search: after its nominal stage.
         explanation: added to.
         shown: what else the motion shows; if ``None`` nothing.
-        part: effects that the motion does not show and that explain a part: they are followed with it.
+        forces: that the motion does not show and that are followed with it.
+        sizes: (unknowns,) of these; if ``None`` forces are tried that the balance of work suggests.
+        most: of the motion's disagreement that rails may leave.
+        together: whether they may be.
+
+    Returns:
+        Whether the motion shows rails.
     """
     shown = Shown.nothing(search) if shown is None else shown
     try:
-        one = suggest_guide(search, shown)
+        one = suggest_guide(search, shown, most)
         if one is None:
-            return
+            return False
         if all(LIFTED in recording.channels for recording in search.recordings):
             explanation.rails = measure_rails(search, one, shown)
     except np.linalg.LinAlgError:
-        return
-    others, sizes = shown.hypotheses, shown.sizes
-    if part is not None:
-        others, sizes = (
-            (*others, *part.hypotheses),
-            np.append(sizes, part.fit.values[0, 1 : part.model.shared]),
-        )
-    held, values = beside(explanation.nominal, [one.hypothesis, *others], np.append(one.value, sizes))
-    model = search.setting.model(held)
-    values[:, 0] = one.clearance
-    for factor in _GAPS:
-        tried = values.copy()
-        tried[:, 1] *= factor
-        found = _first(search, model, tried)
+        return False
+    if sizes is not None:
+        sets = [(tuple(forces), sizes)]
+    elif together and not shown.hypotheses:
+        sets = _forces_between(search, one)
+    else:
+        sets = [_NOTHING]
+    for factor, (also, their) in product(_GAPS, sets):
+        others, known = (*shown.hypotheses, *also), np.concatenate([shown.sizes, their])
+        held, values = beside(
+            explanation.nominal, [one.hypothesis, *others], np.append(factor * one.value, known)
+        )  # fmt: skip
+        values[:, 0] = one.clearance
+        model = search.setting.model(held)
+        found = _first(search, model, values)
         if found is not None or search.late():
             break
     if found is not None:
@@ -99,6 +125,28 @@ def begin_guide(
         search.keep(explanation, held, lambda: _everywhere(search, held, model, first, followed))
         if not explained(explanation.best):
             explanation.rails = _told(held, model, followed) or explanation.rails
+    return True
+
+
+def _forces_between(search: Search, one: Dimension) -> list[_Forces]:
+    """What gives much of the torque which the motion between rails needs, and nothing, the likeliest first.
+
+    Each strike leaves torques that no force gives.
+    """
+    try:
+        setting = search.setting.added([one.hypothesis], np.array([one.value]))
+        suggested = suggest_forces(search, setting, one.clearance, named=True)
+    except (InputError, np.linalg.LinAlgError):
+        suggested = None
+    if suggested is None:
+        return [_NOTHING]
+    if suggested.sure is not None:
+        return [(suggested.sure.hypotheses, suggested.sure.values)]
+    found: dict[str, _Forces] = {}
+    for force in suggested.forces:
+        if force.cost < _MUCH * suggested.lacking and len(found) < _FORCES:
+            found.setdefault(force.hypotheses[0].name, (force.hypotheses, force.values))
+    return [*found.values(), _NOTHING]
 
 
 def between_rails(search: Search, rails: Rails) -> Attempt | None:
