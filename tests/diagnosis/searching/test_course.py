@@ -20,9 +20,9 @@ from tests.diagnosis.judging.test_verdict import attempt
 
 @pytest.fixture(autouse=True)
 def still(monkeypatch):
-    """A frame that no sensor feels shaking, one clearance, no force that the balance names beside a part."""
-    for name in ("begin_frame", "begin_beside", "begin_displaced_paths"):
-        monkeypatch.setattr(f"clearance.diagnosis.searching.course.{name}", lambda *_: None)
+    """A frame that nothing shakes, one clearance, no rails, no force that the balance names beside a part."""
+    for name in ("begin_frame", "begin_beside", "begin_displaced_paths", "begin_guide"):
+        monkeypatch.setattr(f"clearance.diagnosis.searching.course.{name}", lambda *_, **__: None)
 
 
 @pytest.mark.parametrize(
@@ -228,8 +228,8 @@ def fruitless(monkeypatch):
     course = "clearance.diagnosis.searching.course."
     for name in (
         "glaring", "enlarge", "reshape", "reshape_anew", "begin_elsewhere", "begin_again", "begin_inside",
-        "begin_guide", "begin_clock", "begin_dimensions", "begin_displaced", "begin_wear", "begin_plausible",
-        "widen", "fit_curve",
+        "begin_clock", "begin_dimensions", "begin_displaced", "begin_wear", "begin_plausible", "widen",
+        "fit_curve",
     ):  # fmt: skip
         monkeypatch.setattr(course + name, lambda *_: None)
     for name in ("begin_balanced", "begin_pairs"):
@@ -247,6 +247,7 @@ def test_what_acts_inside_the_joint_is_tried_beside_a_part_that_is_far(
     monkeypatch, fruitless, left, expected
 ):
     asked, nominal, clock = [], attempt([], 8000.0), attempt(["timebase"], left)
+    clock.fit.values = np.zeros((1, 3))
     monkeypatch.setattr(fruitless + "begin_inside", lambda _, __, base: asked.append(base))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
     search_all(search, Explanation(nominal, [clock]), 2, lambda _: None)
@@ -270,6 +271,8 @@ def test_beside_a_far_path_the_balance_of_work_comes_first_beside_a_near_one_pla
     monkeypatch.setattr(fruitless + "widen", lambda *_: asked.append("names"))
     monkeypatch.setattr(fruitless + "suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
+    for one in found:
+        one.fit.values = np.zeros((1, 3))
     search_all(search, Explanation(attempt([], misfit), list(found)), 3, lambda _: None)
     assert asked.count("balance") == asked.count("curve") == 1
     assert list(dict.fromkeys(asked)) == order
@@ -356,7 +359,7 @@ def test_lobes_are_read_off_the_motion_where_a_look_promises_them_or_no_force_he
     for name in ("suggest_channels", "suggest_dimensions"):
         monkeypatch.setattr(course + name, lambda *_: {})
     monkeypatch.setattr(course + "settled", lambda *_: False)
-    for name in ("balanced", "guide", "dimensions", "inside", "plausible"):
+    for name in ("balanced", "dimensions", "inside", "plausible"):
         monkeypatch.setattr(course + f"begin_{name}", lambda *_: [])
     monkeypatch.setattr(course + "widen", lambda *_: None)
     monkeypatch.setattr(course + "begin_wear", lambda *_: asked.append("wear"))
@@ -369,3 +372,27 @@ def test_lobes_are_read_off_the_motion_where_a_look_promises_them_or_no_force_he
     nominal = attempt([], 10.0)
     search_all(search, Explanation(nominal, unpushed=unpushed), 3, lambda _: None)
     assert asked == (expected or ["curve"])
+
+
+@pytest.mark.parametrize(
+    ("misfit", "seen", "expected"),
+    [
+        (30.0, False, ["rails", "balance", "guide"]),
+        (30.0, True, ["rails", "balance"]),
+        (10.0, False, ["guide"]),
+    ],
+)
+def test_rails_beyond_doubt_come_before_any_force_and_are_not_followed_twice(
+    monkeypatch, fruitless, misfit, seen, expected
+):
+    def guide(search, explanation, most=1.0, together=True):
+        asked.append("guide" if most == 1.0 else "rails")
+        assert together == (most_effects > 1)
+        return seen
+
+    asked, most_effects = [], 1
+    monkeypatch.setattr(fruitless + "begin_guide", guide)
+    monkeypatch.setattr(fruitless + "begin_balanced", lambda *_: asked.append("balance") or [])
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
+    search_all(search, Explanation(attempt([], misfit)), most_effects, lambda _: None)
+    assert [one for one in asked if misfit > 20.0 or one != "balance"] == expected

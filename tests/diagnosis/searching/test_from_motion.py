@@ -99,6 +99,28 @@ def test_a_dimension_is_tried_with_less_clearance_where_it_is_not_followed(monke
     assert tried == pytest.approx(expected)
 
 
+@pytest.mark.parametrize(("most", "expected"), [(0.95, 4), (0.85, 0)])
+def test_beside_a_force_lobes_are_fitted_with_it_where_the_motion_agrees_clearly_better(
+    monkeypatch, most, expected
+):
+    tried, explanation = [], Explanation(attempt([], 1000.0))
+    explanation.nominal.fit.values = np.array([[5e-4, 700.0]])
+    wear = Wear(SimpleNamespace(label="worn_bearing"), np.array([4e-5, 3.0, -1.9]), 5e-4, 0.9)
+    monkeypatch.setattr(
+        from_motion,
+        "suggest_wear",
+        lambda _, held, sizes: wear if (held, [*sizes]) == ([force], [890.0]) else 0,
+    )
+    monkeypatch.setattr(
+        from_motion, "fit_from", lambda *of, anew: tried.append(([h for h in of[3]], of[4].tolist()))
+    )
+    force = SimpleNamespace(label="slider_spring")
+    search = SimpleNamespace(report=lambda _: None, late=lambda: False)
+    begin_wear(search, explanation, explanation.nominal, [force], np.array([890.0]), most)
+    assert len(tried) == expected
+    assert all(held == [force, wear.hypothesis] and sizes[0] == 890.0 for held, sizes in tried)
+
+
 def test_lobes_are_tried_larger_than_the_motion_shows_them(monkeypatch):
     def fit(search, explanation, base, hypotheses, values, clearance, anew):
         tried.append([*values, clearance])
@@ -106,6 +128,7 @@ def test_lobes_are_tried_larger_than_the_motion_shows_them(monkeypatch):
             explanation.attempts.append(attempt(["worn_bearing"], 1.0))
 
     tried, explanation = [], Explanation(attempt([], 1000.0))
+    explanation.nominal.fit.values = np.array([[5e-4, 700.0]])
     wear = Wear(SimpleNamespace(label="worn_bearing"), np.array([4e-5, 3.0, -1.9]), 5e-4, 0.9)
     monkeypatch.setattr(from_motion, "suggest_wear", lambda *_: wear)
     monkeypatch.setattr(from_motion, "fit_from", fit)

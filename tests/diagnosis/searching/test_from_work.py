@@ -33,8 +33,10 @@ def table_on_slider(argument):
     )
 
 
-def follow(monkeypatch, suggested, fit, misfit, most):
+def follow(monkeypatch, suggested, fit, misfit, most, motion=lambda *_: False):
     """Let a search beside a nominal machine with a misfit follow what the balance of work suggests."""
+    for name in ("begin_guide", "begin_wear"):
+        monkeypatch.setattr(from_work, name, lambda *of, name=name: motion(name, *of))
     monkeypatch.setattr(from_work, "suggest_forces", lambda *_: suggested)
     monkeypatch.setattr(from_work, "settle_in", lambda search, setting, one: one)
     monkeypatch.setattr(from_work, "fit_from", fit)
@@ -263,3 +265,28 @@ def test_what_the_work_suggests_begins_between_two_clearances_where_it_is_not_fo
     )
     begin_pairs(search, Explanation(nominal(1000.0, fitted)), [pair("torque_ripple")])
     assert tried == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("cost", "most", "rails", "expected"),
+    [
+        (0.7, 2, False, ["begin_guide", "begin_wear"]),
+        (0.7, 2, True, ["begin_guide"]),
+        (0.7, 1, False, []),
+        (1.5, 2, False, []),  # it may as well be another force
+    ],
+)
+def test_beside_a_force_that_is_surely_there_and_not_followed_the_motion_is_asked_once(
+    monkeypatch, cost, most, rails, expected
+):
+    def motion(name, search, explanation, base, hypotheses, values, *more):
+        hypotheses, values = (base, hypotheses) if name == "wear" else (hypotheses, values)
+        asked.append(name)
+        assert [h.name for h in hypotheses] == ["slider_spring"]
+        return rails
+
+    asked = []
+    forces = [replace(pair("slider_spring"), cost=cost), replace(pair("soft_drive"), cost=2.0)]
+    suggested = Suggested(forces, balanced=False, lacking=5.0)
+    follow(monkeypatch, suggested, lambda *_, **__: None, 611.0, most, motion)
+    assert asked == expected

@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.searching import rattling
+from clearance.diagnosis.searching.balance import Suggested
+from clearance.diagnosis.searching.geometry import Dimension
+from clearance.diagnosis.searching.rattling import begin_guide
+from clearance.diagnosis.searching.work import Balanced
 from clearance.errors import InputError
 
 LOST, HELD = None, ("follower", np.array([3e-4, 2e-5, 700.0]), 0.9)
@@ -81,3 +85,57 @@ def test_where_no_way_leads_on_the_place_before_is_gone_back_to():
     assert rattling._next(stack, iter(range(9)), False) is None
     assert rattling._next([ways(10, "one"), ways(14, None)], iter(range(9)), True) is None
     assert rattling._next([ways(10, None, None, "late")], iter(range(2)), False) is None
+
+
+def rails(monkeypatch, suggested):
+    """Forces between rails that the motion shows, with which islands are followed; nothing is."""
+    guide = Dimension(SimpleNamespace(name="guide_clearance"), 7e-5, 1e-4, 0.3)
+    tried = []
+    monkeypatch.setattr(rattling, "suggest_guide", lambda search, shown, most: guide)
+    monkeypatch.setattr(rattling, "suggest_forces", lambda *_, named: suggested)
+    monkeypatch.setattr(
+        rattling, "_first", lambda search, model, rows: tried.append((model, rows[0].tolist()))
+    )
+    setting = SimpleNamespace(
+        added=lambda held, sizes: None, model=lambda held: tuple(one.name for one in held)
+    )  # fmt: skip
+    nominal = SimpleNamespace(
+        hypotheses=(), model=SimpleNamespace(shared=1), fit=SimpleNamespace(values=np.array([[2e-4, 700.0]]))
+    )
+    search = SimpleNamespace(
+        setting=setting, profile=None, recordings=[SimpleNamespace(channels=())], late=lambda: False
+    )
+    return search, SimpleNamespace(nominal=nominal, rails=None), tried
+
+
+def force(name, cost):
+    return Balanced((SimpleNamespace(name=name),), np.array([5.0]), cost, 1e-4)
+
+
+@pytest.mark.parametrize(
+    ("costs", "together", "expected"),
+    [
+        ([3.3, 3.8, 3.9], True, ["soft_drive", "rod_inertia", ""]),
+        ([6.0, 6.1, 6.2], True, [""]),  # as much as strikes leave
+        ([2.0, 3.8, 3.9], True, ["soft_drive"]),  # beyond doubt
+        ([3.3, 3.8, 3.9], False, [""]),
+    ],
+)
+def test_between_rails_recordings_are_followed_with_the_forces_that_go_with_these(
+    monkeypatch, costs, together, expected
+):
+    named = zip(["soft_drive", "rod_inertia", "rod_inertia"], costs, strict=True)
+    suggested = Suggested([force(*one) for one in named], balanced=False, lacking=10.0)
+    search, explanation, tried = rails(monkeypatch, suggested)
+    assert begin_guide(search, explanation, together=together)
+    names = [tuple(["guide_clearance", *([one] if one else [])]) for one in expected]
+    assert [one for one, _ in tried[: len(names)]] == names
+    assert tried[0][1] == pytest.approx([1e-4, 7e-5, *([5.0] if expected[0] else []), 700.0])
+    assert len(tried) == len(names) * len(rattling._GAPS)
+
+
+def test_forces_that_are_known_are_not_asked_for(monkeypatch):
+    search, explanation, tried = rails(monkeypatch, None)
+    known = [SimpleNamespace(name="torque_ripple")]
+    assert begin_guide(search, explanation, None, known, np.array([0.5]))
+    assert {one for one, _ in tried} == {("guide_clearance", "torque_ripple")}

@@ -7,13 +7,20 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.kinematics.agreement import profile
+from clearance.diagnosis.kinematics.bore import Bore
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.diagnosis.searching.wear import suggest_wear
 from clearance.mechanism.bearing import Worn
 from tests.diagnosis.kinematics import test_reconstruction as own
 from tests.diagnosis.searching.test_geometry import NOMINAL, traced
 
+FELT = SimpleNamespace(rod_angle=0.0)
 CLEARANCE, LOBES = 2e-4, Worn(amplitude=3e-5, order=2, phase=0.8)
+
+
+def direction(angle):
+    """(samples, 2) unit vectors."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def worn(machine, joint, lobes):
@@ -37,6 +44,26 @@ def test_a_journal_keeps_to_a_bore_that_is_not_round(joint):
     assert misfits[1] < misfits[0]
 
 
+@pytest.mark.parametrize(("order", "share"), [(2, 0.1), (4, 0.14)])
+def test_a_journal_rests_where_its_force_is_normal_to_the_bore(order, share):
+    bore = Bore("C", CLEARANCE, 1e10, share * CLEARANCE, order, 0.8)  # four lobes of 14 % turn it back
+    angle = np.linspace(-np.pi, np.pi, 400)
+    place = bore.radius(direction(angle), FELT)[:, None] * direction(angle)
+    normal = direction(angle - bore.tilt(place, FELT))
+    along, across = bore.rest(normal, FELT, place)
+    sideways = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+    found = along[:, None] * normal + across[:, None] * sideways
+    np.testing.assert_allclose(found, place, atol=0.03 * CLEARANCE)
+
+
+def test_a_journal_of_which_only_the_force_is_known_is_pressed_as_far_as_it_goes():
+    bore = Bore("C", CLEARANCE, 1e10, 0.14 * CLEARANCE, 4, 0.0)
+    angle = np.linspace(-np.pi, np.pi, 721)
+    farthest = (bore.radius(direction(angle), FELT) * np.cos(angle[:, None] - angle)).max(axis=1)
+    along, _ = bore.rest(direction(angle), FELT)
+    np.testing.assert_allclose(along, farthest, rtol=1e-3)
+
+
 def test_a_model_with_a_worn_bore_is_compared_where_its_lobes_leave_a_gap():
     made = worn(own.machine("C", CLEARANCE), "C", LOBES)
     measured, states = own.recorded(made)
@@ -52,20 +79,12 @@ def test_a_model_with_a_worn_bore_is_compared_where_its_lobes_leave_a_gap():
     assert found.best == pytest.approx(CLEARANCE, rel=0.1)
 
 
-def known(search, name="", size=0.0):
-    """An attempt that knows one effect and its size, or nothing."""
-    held = [group[0] for group in search.groups.values() if group[0].name == name]
-    values = np.array([[CLEARANCE, *[size] * len(held), 700.0]])
-    return SimpleNamespace(
-        hypotheses=held, fit=SimpleNamespace(values=values), model=search.setting.model(held)
-    )
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("offset", [0.0, -3e-3])
 def test_the_lobes_are_told_by_the_motion_beside_what_is_known(offset):
     search = traced(worn(replace(NOMINAL, guide_offset=offset), "C", LOBES))
-    found = suggest_wear(search, known(search, "slider_offset" if offset else "", offset))
+    held = [group[0] for group in search.groups.values() if offset and group[0].name == "slider_offset"]
+    found = suggest_wear(search, held, np.full(len(held), offset))
     assert found.values[1] == LOBES.order
     order = found.hypothesis.unknowns[1]
     assert order.low <= LOBES.order <= order.high
@@ -76,4 +95,4 @@ def test_the_lobes_are_told_by_the_motion_beside_what_is_known(offset):
 
 
 def test_a_wear_that_is_not_among_the_hypotheses_is_not_looked_for():
-    assert suggest_wear(SimpleNamespace(groups={}), SimpleNamespace(hypotheses=())) is None
+    assert suggest_wear(SimpleNamespace(groups={}), [], np.zeros(0)) is None
