@@ -1,7 +1,6 @@
 """Attempts beside recordings that they were not fitted to, and residuals in units of the noise."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -30,10 +29,7 @@ class Judged:
             known_clearance=model.clearance(attempt.fit.shared),
         )  # fmt: skip
         filtered = search.tracks[0].low_pass is not None
-        self.tracks = [
-            t if t.declared else replace(t, low_pass=t.usual_low_pass if filtered else None)
-            for t in search.cut(held_out)
-        ]
+        self.tracks = [track.filtered(filtered) for track in search.cut(held_out)]
         zeros = {track.name: own[4] for track, own in zip(search.tracks, attempt.fit.own, strict=True)}
         start = np.array(
             [begin(track, speeds, zeros.get(track.name, attempt.fit.own[0, 4])) for track in self.tracks]

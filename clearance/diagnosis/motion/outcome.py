@@ -13,6 +13,7 @@ from clearance.diagnosis.judging.mismatch import whiteness
 from clearance.diagnosis.judging.outcome import Outcome
 from clearance.diagnosis.motion.attempt import Findings
 from clearance.diagnosis.motion.beginning import begin
+from clearance.diagnosis.motion.course import Course
 from clearance.diagnosis.motion.fit import Fit
 from clearance.diagnosis.motion.judged import Judged, over, scaled
 from clearance.diagnosis.motion.linkage import link
@@ -75,7 +76,7 @@ def diagnose(
     search = Search(
         tracks, machine, joint, terms, dict(uncertain), linkage, speed_range, seconds, workers, report
     )
-    findings = search.run(most, keep)
+    findings = Course(search, most).run(keep)
     _require_plausible(findings, search)
     report(f"[{time.monotonic() - started:.0f} s] judging on held-out recordings")
     best, nominal = findings.best, findings.nominal

@@ -7,8 +7,7 @@ from time import monotonic
 
 import numpy as np
 
-from clearance.diagnosis.motion.attempt import Attempt, Findings, inside, zero_of
-from clearance.diagnosis.motion.balance import Suggested, suggest
+from clearance.diagnosis.motion.attempt import Attempt, Findings, zero_of
 from clearance.diagnosis.motion.beginning import begin
 from clearance.diagnosis.motion.fit import fit
 from clearance.diagnosis.motion.linkage import Linkage
@@ -24,14 +23,10 @@ _FITTED = 4  # terms that are fitted in a round, after screening all
 _LEAST = 10.0  # decrease of the penalised cost for which a term is taken in
 _OFF = 2.0  # standard deviations off zero, up to which a number of several may be off
 _SURE = 3.3  # standard deviations that the best-known size of a term must lie off zero
-_PIECES, _TURNS, _FEWEST = 8, 1.25, 24  # pieces of all recordings; turns of the crank and samples of each
-_STRETCHES, _MOST = (10.0, 5.0, 2.5, 1.25), 48  # turns of the crank, from many to few; so many stretches
-_SHORT = _STRETCHES[-2:]
-_LOOK = 8.0  # s of each recording that are searched; the result is fitted to all of them
+FEWEST, _MOST = 24, 48  # samples of a stretch; stretches of all recordings
 _ALIKE = 10.0  # difference of prices below which two explanations are equivalent
-_LOST = 2.5  # likewise, from which on a drive with a controller is looked for
-_POOR = 1.2  # residuals over noise from which on terms are not enough, or not rich enough
-_SLOWEST = 0.2  # turns a second, where lengths are counted in turns
+POOR = 1.2  # residuals over noise from which on terms are not enough, or not rich enough
+SLOWEST = 0.2  # turns a second, where lengths are counted in turns
 _PATIENT = 15  # iterations of a fit
 _BRIEF = 6  # iterations of a fit that is only compared
 
@@ -54,7 +49,7 @@ class Search:
     ) -> None:
         self.tracks, self.terms, self.workers, self.seconds = list(tracks), terms, workers, seconds
         self.linkage, self.speeds = linkage, speeds
-        self.begin = self._begin(tracks)
+        self.begin = self.beginnings(tracks)
         every = {c for track in tracks for c in track.channels}
         self.model = Model(
             machine, joint, (), uncertain, "slider_position" in every,
@@ -74,58 +69,13 @@ class Search:
         """Whether there is time to look for more."""
         return monotonic() - self.started < self.seconds
 
-    def _begin(self, tracks: Sequence[Track]) -> np.ndarray:
+    def beginnings(self, tracks: Sequence[Track]) -> np.ndarray:
         """(recordings, own unknowns) with which each begins."""
         return np.array([begin(track, self.speeds, self.linkage.zero(track.name)) for track in tracks])
 
-    def _nominal_values(self) -> np.ndarray:
+    def nominal_values(self) -> np.ndarray:
         """Shared unknowns of the nominal machine, on the scale of the fit."""
         return np.array([u.prior[0] if u.prior else u.low for u in self.model.shared])
-
-    def _linked(self) -> Attempt:
-        """The machine with what the linkage alone says is missing."""
-        start = np.concatenate([self._nominal_values(), *self.linkage.values])
-        return self.attempt(self.linkage.terms, start, self.begin, staged=True)
-
-    def _follow_suggested(self, findings: Findings) -> bool:
-        """Begin with the best of what linkage and measured turning suggest; whether it follows them.
-
-        It is fitted to stretches of few turns, over which a run from values that are nearly right stays near,
-        and then to whole runs. Where these go astray all the same the stretches stay.
-        """
-        whole, nominal = self.tracks, findings.nominal
-        linked = list(zip(self.linkage.terms, self.linkage.values, strict=True))
-        zeros = self.begin[:, 4].tolist()
-        turns = np.maximum(np.abs(self.begin[:, 3]) / 60.0, _SLOWEST).tolist()
-        suggested = suggest(self.model, whole, zeros, turns, linked, list(self.terms.values()), self.report)
-        for self.turns in _SHORT if suggested else ():
-            self.tracks = self.cut(whole)
-            self.begin = self._begin(self.tracks)
-            findings.best = min((self._with(one, whole) for one in suggested), key=lambda a: a.price)
-            if np.isfinite(findings.best.price) and self.judge(findings.best).level.max() < _LOST:
-                break
-        else:
-            self.tracks, self.begin, self.turns = whole, self._begin(whole), None
-            findings.best = nominal
-            return False
-        findings.nominal = self.attempt((), nominal.fit.shared, self.begin, staged=True)
-        short = (self.tracks, self.begin, self.turns, findings.nominal, findings.best)
-        self.report("fitting whole runs")
-        self.turns = None
-        self._refit(findings, whole)
-        if not self.judge(findings.best).enough:
-            self.tracks, self.begin, self.turns, findings.nominal, findings.best = short
-            self._shorten(findings, whole)
-        return True
-
-    def _with(self, suggested: Suggested, whole: Sequence[Track]) -> Attempt:
-        """A suggestion, fitted to the present stretches."""
-        terms, begun = (*self.linkage.terms, *suggested.terms), self.begin.copy()
-        speeds = dict(zip((track.name for track in whole), suggested.speeds, strict=True))
-        begun[:, 3] = [speeds[track.name] for track in self.tracks]
-        self.report(f"trying {' + '.join(term.label for term in terms) or 'nothing more'}")
-        start = np.concatenate([suggested.uncertain, *self.linkage.values, *suggested.values])
-        return self.attempt(terms, start, begun, staged=True)
 
     def _found(self, attempt: Attempt) -> list[Term]:
         """Terms that the linkage did not tell."""
@@ -153,7 +103,7 @@ class Search:
 
     def nominal(self) -> Attempt:
         """The machine as it is, its nuisance refitted."""
-        return self.refilter(self.attempt((), self._nominal_values(), self.begin, staged=True))
+        return self.refilter(self.attempt((), self.nominal_values(), self.begin, staged=True))
 
     def refilter(self, attempt: Attempt) -> Attempt:
         """The attempt, or the same terms with recordings that passed a filter, or did not, if that is better.
@@ -164,9 +114,7 @@ class Search:
         given = self.tracks
         if all(track.declared for track in given):
             return attempt
-        self.tracks = [
-            t if t.declared else replace(t, low_pass=None if t.low_pass else t.usual_low_pass) for t in given
-        ]
+        self.tracks = [track.filtered(not track.low_pass) for track in given]
         other = self.attempt(attempt.terms, attempt.fit.shared, attempt.fit.own)
         # a filter's ends are not judged: costs are compared for each sample
         if other.fit.cost / other.fit.samples < attempt.fit.cost / attempt.fit.samples:
@@ -204,7 +152,7 @@ class Search:
                 self.report(f"trying {base.label} + {term.label}")
                 tried += self._from_starts(base, term)
         better = self._better(base, tried)
-        if not better and self.judge(base).level.max() > _POOR:
+        if not better and self.judge(base).level.max() > POOR:
             for old, term in richer:
                 if self.in_time:
                     self.report(f"trying {term.label} for {old.label}")
@@ -323,42 +271,7 @@ class Search:
         """Whether what is left is noise."""
         return explained(attempt.fit, self.tracks)
 
-    def run(self, most: int, keep: Callable[[Findings], None]) -> Findings:
-        """The whole search: on the first seconds of each recording, then on all of it.
-
-        Args:
-            most: effects at once.
-            keep: called after each round.
-        """
-        whole = self.tracks
-        self.tracks = [track.part(0, round(_LOOK * track.rate)) for track in whole]
-        self.report("fitting the machine as it is")
-        nominal = self.nominal()
-        findings = Findings(nominal, nominal)
-        keep(findings)
-        if not self.judge(nominal).enough and not self._follow_suggested(findings):
-            findings.best = self._pieced(nominal, most)
-            if findings.best.terms and not self.judge(findings.best).enough:
-                self._shorten(findings, self.tracks)
-        keep(findings)
-        while self.in_time and self.widen(findings, most):
-            keep(findings)
-        self.prune(findings)
-        self.report("fitting the recordings' whole length")
-        filtered = self.tracks[0].low_pass is not None
-        whole = [
-            t if t.declared else replace(t, low_pass=t.usual_low_pass if filtered else None) for t in whole
-        ]
-        self._refit(findings, self.cut(whole))
-        if any(len(t.values) > _LOOK * t.rate for t in whole) and self.in_time and self.widen(findings, most):
-            self.prune(findings)
-        self._drop(findings)
-        self.question_zero(findings)
-        findings.enough = self.judge(findings.best)
-        keep(findings)
-        return findings
-
-    def _drop(self, findings: Findings) -> None:
+    def drop(self, findings: Findings) -> None:
         """Take out what is not surely there, the least sure first: nothing is asserted that may be off."""
         while True:
             best = findings.best
@@ -381,39 +294,6 @@ class Search:
         variants = [t for t in self.terms.values() if t.place == term.place] if doubted else []
         return next((t for t in variants if {u.name for u in t.unknowns} == names), None)
 
-    def _pieced(self, nominal: Attempt, most: int) -> Attempt:
-        """What a search on short pieces finds, fitted to the recordings; nothing if that is better."""
-        every = self.terms
-        # a controller's two gains can imitate much; they are asked only where nothing else explains
-        self.terms = {k: t for k, t in every.items() if "integral" not in t.effect.parameters}
-        found, left = self.search_pieces(most)
-        self.terms = every
-        if left > _POOR and self.in_time:
-            other, still = self.search_pieces(most)
-            found = other if still < _POOR else found
-        best = self.attempt((), nominal.fit.shared, nominal.fit.own)
-        if found.terms:
-            self.report(f"fitting {found.label}")
-            best = min(
-                (best, self.attempt(found.terms, inside(found), self.begin, staged=True)),
-                key=lambda a: a.price,
-            )
-        return best
-
-    def _shorten(self, findings: Findings, whole: Sequence[Track]) -> None:
-        """Fit stretches of fewer turns, each with a beginning of its own, until the machine follows them.
-
-        A real machine is pushed about by what no model has, and its crank's phase gathers that: over many
-        turns it goes astray even from a right model, whose numbers bend to follow it.
-        """
-        for self.turns in [turns for turns in _STRETCHES if turns < (self.turns or np.inf)]:
-            stretches = self.cut(whole)
-            if len(stretches) > len(self.tracks):
-                self.report(f"fitting stretches of {self.turns:g} turns")
-                self._refit(findings, stretches)
-                if self.judge(findings.best).enough:
-                    return
-
     def cut(self, tracks: Sequence[Track]) -> list[Track]:
         """Recordings in the stretches over which they are compared."""
         if self.turns is None:
@@ -421,59 +301,9 @@ class Search:
         found = []
         for track in tracks:
             rate = abs(float(begin(track, self.speeds)[3])) / 60.0
-            found.append(track.cut(max(_FEWEST, round(self.turns / max(rate, _SLOWEST) * track.rate))))
+            found.append(track.cut(max(FEWEST, round(self.turns / max(rate, SLOWEST) * track.rate))))
         every = -(-sum(map(len, found)) // _MOST)
         return [stretch for one in found for stretch in one[::every]]  # of each recording one at least
-
-    def _refit(self, findings: Findings, tracks: list[Track]) -> None:
-        """The best and the nominal attempt, fitted anew to other stretches of the recordings."""
-        best, nominal, names = findings.best, findings.nominal, [track.name for track in self.tracks]
-
-        def again(attempt: Attempt) -> Attempt:
-            begun = self._begin(tracks)
-            for row, track in zip(begun, tracks, strict=True):
-                same = [r for r, name in enumerate(names) if name == track.name]
-                zero = attempt.fit.own[same, 4].mean()
-                row[0], row[3:] = row[0] + row[4] - zero, (attempt.fit.own[same, 3].mean(), zero)
-            return self.attempt(attempt.terms, attempt.fit.shared, begun, staged=True)
-
-        self.tracks, self.begin = tracks, self._begin(tracks)
-        findings.nominal = again(nominal)
-        findings.best = again(best) if best.terms else findings.nominal
-        if findings.best.fit.samples != best.fit.samples:
-            findings.attempts = []  # their prices are of other samples
-
-    def search_pieces(self, most: int) -> tuple[Attempt, float]:
-        """The search on short pieces of the recordings, each with its own beginning and speed of the drive.
-
-        Over many turns the crank's phase gathers whatever changes its mean speed, and a set of terms that is
-        incomplete settles where their errors cancel there. A few turns cannot, so that what is missing is
-        named one by one; a fit to the whole has the right terms to begin with.
-
-        Returns:
-            The best attempt, and what it leaves over the noise, of the worst channel.
-        """
-        given, begun = self.tracks, self.begin
-        turns = np.abs(begun[:, 3]) / 60.0
-        self.tracks = []
-        for r, track in enumerate(given):
-            size = max(_FEWEST, round(_TURNS / max(turns[r], _SLOWEST) * track.rate))
-            count = min(max(1, _PIECES // len(given)), max(1, len(track.values) // size))
-            for place in np.linspace(0, max(len(track.values) - size, 0), count).astype(int):
-                self.tracks.append(track.part(int(place), int(place) + size))
-        self.begin, self.in_pieces = self._begin(self.tracks), True
-        nominal = self.attempt((), self._nominal_values(), self.begin, staged=True)
-        findings = Findings(nominal, min((nominal, self._linked()), key=lambda a: a.price))
-        while self.in_time and self.widen(findings, most):
-            self.report(f"so far {findings.best.label}")
-        self.prune(findings)
-        left = float(self.judge(findings.best).level.max()) if findings.best.terms else np.inf
-        filtered = self.tracks[0].low_pass is not None
-        self.tracks = [
-            t if t.declared else replace(t, low_pass=t.usual_low_pass if filtered else None) for t in given
-        ]
-        self.begin, self.in_pieces = begun, False
-        return findings.best, left
 
     def question_zero(self, findings: Findings) -> None:
         """Whether the encoder's zero, which was refitted throughout, is surely off."""

@@ -99,6 +99,10 @@ class Track:
         usual = MeasurementChain()
         return LowPass(usual.cutoff * self.rate / 2.0, usual.filter_order, usual.ripple_db)
 
+    def filtered(self, usually: bool) -> "Track":
+        """The same as filtered by the usual chain, or as not filtered, unless its file says."""
+        return self if self.declared else replace(self, low_pass=self.usual_low_pass if usually else None)
+
     @property
     def seconds(self) -> float:
         """Duration [s]."""
