@@ -45,8 +45,8 @@ _GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # multiples of it fill an interval evenly
 _GAP = 0.5  # percent between the nominal and the true simulator: what is closed of less is chance
 _TOUCHING = 2.0  # times a worn bore's amplitude: less clearance would close the gap
 _PLACES = {
-    "slider_x": ("slider", "x"), "rod_x": ("rod", "x"), "rod_y": ("rod", "y"),
-    "rod_moment": ("rod", "moment"), "crank_torque": ("crank", "torque"), "frame_x": ("frame", "x"),
+    "slider_x": ("slider", "x"), "rod_moment": ("rod", "moment"), "crank_torque": ("crank", "torque"),
+    "frame_x": ("frame", "x"),
 }  # fmt: skip
 _RANGES = {
     "slider_position": (0.068, 0.172), "slider_velocity": (-6.0, 6.0), "rod_angle": (-0.43, 0.43),

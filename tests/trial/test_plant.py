@@ -185,16 +185,13 @@ def test_the_step_is_fine_enough():
 FORCES = [
     ("slider_x", "slider_position", "cubic_spring", 10.0, 0.12, 0.05),
     ("slider_x", "slider_velocity", "quadratic_drag", 10.0, 0.0, 3.0),
-    ("slider_x", "slider_position", "detent", 10.0, 0.0, 0.01),
     ("slider_x", "time", "square_wave", 10.0, 0.0, 0.01),
-    ("rod_x", "slider_position", "bump", 10.0, 0.15, 0.005),
-    ("rod_y", "rod_angle", "dead_band_spring", 10.0, 0.0, 0.1),
+    ("slider_x", "slider_position", "bump", 10.0, 0.15, 0.005),
+    ("rod_moment", "rod_angle", "dead_band_spring", 0.5, 0.0, 0.1),
     ("crank_torque", "crank_angle", "random_periodic", 0.5, 0.0, 2 * np.pi),
-    ("rod_moment", "rod_angle", "saturating", 0.5, 0.0, 0.1),
     ("slider_x", "slider_velocity", "one_sided_quadratic", 10.0, -3.0, 3.0),
     ("slider_x", "slider_position", "exponential_wall", 10.0, 0.16, 0.005),
     ("crank_torque", "crank_angle", "pulse_train", 0.5, 0.0, np.pi),
-    ("crank_torque", "crank_speed", "constant", 0.5, 0.0, 1.0),
 ]
 
 
@@ -215,12 +212,10 @@ def test_an_extra_force_does_the_work_it_should(force):
     crank = 1e-5 + 0.3 * 0.025**2
     energy = 0.5 * crank * omega**2 + 0.5 * 2.5e-4 * spin**2 + 0.07 * y[:, 14] ** 2
     energy += 0.105 * (rod_vx**2 + rod_vy**2)
-    velocities = {
-        "slider_x": y[:, 14], "rod_x": rod_vx, "rod_y": rod_vy, "rod_moment": spin, "crank_torque": omega,
-    }  # fmt: skip
+    velocities = {"slider_x": y[:, 14], "rod_moment": spin, "crank_torque": omega}
     arguments = {
         "slider_position": y[:, 13], "slider_velocity": y[:, 14], "crank_angle": theta, "rod_angle": phi,
-        "time": np.arange(len(y)) * 1e-5, "crank_speed": omega,
+        "time": np.arange(len(y)) * 1e-5,
     }  # fmt: skip
     truth = run.true("EXTRA")
     np.testing.assert_allclose(extra.value(arguments[argument]), truth, rtol=1e-6, atol=1e-9)
@@ -231,7 +226,7 @@ def test_an_extra_force_does_the_work_it_should(force):
 
 
 def test_a_force_on_the_frame_moves_the_frame():
-    extra = ExtraForce(target="frame_x", argument="time", kind="constant", size=50.0)
+    extra = ExtraForce(target="frame_x", argument="time", kind="bump", size=50.0)
     with pytest.raises(ValueError, match="flexible_base"):
         Plant(extra=extra)
     base = {"flexible_base": {"frequency": 20.0, "damping_ratio": 0.0, "mass": 20.0}}

@@ -9,25 +9,21 @@ from clearance.trial.plant.kernels import HARMONICS, PARAMETERS, P, extra_law
 KINDS = {
     "cubic_spring": 1,
     "quadratic_drag": 2,
-    "detent": 3,
-    "square_wave": 4,
-    "bump": 5,
-    "dead_band_spring": 6,
-    "random_periodic": 7,
-    "saturating": 8,
-    "one_sided_quadratic": 9,
-    "exponential_wall": 10,
-    "pulse_train": 11,
-    "constant": 12,
+    "square_wave": 3,
+    "bump": 4,
+    "dead_band_spring": 5,
+    "random_periodic": 6,
+    "one_sided_quadratic": 7,
+    "exponential_wall": 8,
+    "pulse_train": 9,
 }
-TARGETS = {"slider_x": 1, "rod_x": 2, "rod_y": 3, "rod_moment": 4, "crank_torque": 5, "frame_x": 6}
+TARGETS = {"slider_x": 1, "rod_moment": 2, "crank_torque": 3, "frame_x": 4}
 ARGUMENTS = {
     "slider_position": 1,
     "slider_velocity": 2,
     "crank_angle": 3,
     "time": 4,
     "rod_angle": 5,
-    "crank_speed": 6,
 }
 
 
@@ -35,20 +31,19 @@ ARGUMENTS = {
 class ExtraForce:
     """A force F(x) of one argument x: ``size`` times a shape of u = (x - centre) / width.
 
-    The shapes: ``cubic_spring`` -u³; ``quadratic_drag`` -u|u|; ``detent`` sin(2πu + phase); ``square_wave``
-    tanh(20 sin(2πu + phase)), flanks of about 2 % of the period; ``bump`` exp(-u²/2); ``dead_band_spring``
-    nothing for |u| < 1, then -(|u| - 1) sign(u); ``random_periodic`` six harmonics of period ``width`` with
-    random amplitudes falling as 1/k, drawn from ``seed``, largest value 1; ``saturating`` -tanh(u);
-    ``one_sided_quadratic`` -max(u, 0)²; ``exponential_wall`` -exp(u), u at most 20; ``pulse_train``
-    exp(8 (cos(2πu + phase) - 1)); ``constant`` 1.
+    The shapes: ``cubic_spring`` -u³; ``quadratic_drag`` -u|u|; ``square_wave`` tanh(20 sin(2πu + phase)),
+    flanks of about 2 % of the period; ``bump`` exp(-u²/2); ``dead_band_spring`` nothing for |u| < 1, then
+    -(|u| - 1) sign(u); ``random_periodic`` six harmonics of period ``width`` with random amplitudes falling
+    as 1/k, drawn from ``seed``, largest value 1; ``one_sided_quadratic`` -max(u, 0)²; ``exponential_wall``
+    -exp(u), u at most 20; ``pulse_train`` exp(8 (cos(2πu + phase) - 1)).
 
-    A force on the slider is held by the frame, which feels its reaction; one on the rod (at its centre of
-    mass) or on the frame comes from outside.
+    A force on the slider is held by the frame, which feels its reaction; a moment on the rod or a force on
+    the frame comes from outside.
 
     Attributes:
-        target: ``slider_x``, ``rod_x``, ``rod_y``, ``frame_x`` [N]; ``rod_moment``, ``crank_torque`` [N m].
+        target: ``slider_x``, ``frame_x`` [N]; ``rod_moment``, ``crank_torque`` [N m].
         argument: ``slider_position``, ``slider_velocity`` [m, m/s, relative to A], ``crank_angle``,
-            ``rod_angle`` [rad], ``crank_speed`` [rad/s], ``time`` [s].
+            ``rod_angle`` [rad], ``time`` [s].
         kind: one of ``KINDS``.
         size: [N] or [N m].
         centre: of the argument [its unit].

@@ -222,29 +222,23 @@ def extra_law(p: Any, x: float) -> float:
     if kind == 2:
         return -size * u * abs(u)
     if kind == 3:
-        return size * sin(2.0 * pi * u + p[P.EXTRA_PHASE])
-    if kind == 4:
         return size * tanh(20.0 * sin(2.0 * pi * u + p[P.EXTRA_PHASE]))
-    if kind == 5:
+    if kind == 4:
         return size * exp(-0.5 * u * u)
-    if kind == 6:
+    if kind == 5:
         return -size * (u - 1.0) if u > 1.0 else (-size * (u + 1.0) if u < -1.0 else 0.0)
-    if kind == 7:
+    if kind == 6:
         force = 0.0
         for k in range(HARMONICS):
             angle = 2.0 * pi * (k + 1) * u
             force += p[P.EXTRA_TABLE + 2 * k] * cos(angle) + p[P.EXTRA_TABLE + 2 * k + 1] * sin(angle)
         return size * force
-    if kind == 8:
-        return -size * tanh(u)
-    if kind == 9:
+    if kind == 7:
         return -size * max(u, 0.0) * max(u, 0.0)
-    if kind == 10:
+    if kind == 8:
         return -size * exp(min(u, 20.0))
-    if kind == 11:
+    if kind == 9:
         return size * exp(8.0 * (cos(2.0 * pi * u + p[P.EXTRA_PHASE]) - 1.0))
-    if kind == 12:
-        return size
     return 0.0
 
 
@@ -535,21 +529,15 @@ def evaluate(
             argument = t
         elif which == 5:
             argument = s[Q.ROD]
-        elif which == 6:
-            argument = omega
         extra = extra_law(p, argument)
         target = int(p[P.EXTRA_TARGET])
         if target == 1:
             load += extra
         elif target == 2:
-            rod_fx += extra
-        elif target == 3:
-            rod_fy += extra
-        elif target == 4:
             rod_m += extra
-        elif target == 5:
+        elif target == 3:
             crank_m += extra
-        elif target == 6:
+        elif target == 4:
             frame_fx += extra
     slider_fx += load
     frame_fx -= load + p[P.FRAME_STIFFNESS] * s[Q.FRAME_X] + p[P.FRAME_DAMPING] * s[v + Q.FRAME_X]
