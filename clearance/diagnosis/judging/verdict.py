@@ -36,6 +36,7 @@ _UNITS = {
 _UNHELD = 10.0  # times the largest force of a table: what is less sure than that is not known at all
 _SHAPELESS = 2.5  # times as unsure beside a table: root mean square of 12 errors of the plant over deviations
 _FAR_NEARER = 0.5  # of the best misfit: what leaves less, if of one recording only, says more of the place
+_DRIVEN = 0.35  # of the imbalance: a force that leaves less acts where the torque is needed
 _WITHIN = 2.0  # standard deviations of what the motion shows
 _LOST = 5.0  # misfit above which a path was lost: a model that is a little wrong leaves less
 
@@ -134,6 +135,9 @@ def place_of(explanation: Explanation, held_out: Attempt | None = None) -> tuple
     if cushioned(explanation):
         assert explanation.agreed is not None
         return f"joint_{explanation.agreed[0].lower()}", "normal"
+    if drives(explanation):
+        assert explanation.worked is not None
+        return explanation.worked.body, explanation.worked.direction
     if best.hypotheses:
         return best.hypotheses[0].body, _along(best.hypotheses[0].direction)
     if verdict_of(explanation, held_out) == "none" or unconfirmed(explanation, held_out):
@@ -155,6 +159,17 @@ def nearer(explanation: Explanation) -> bool:
     """Whether a force without a name comes far nearer to one recording than what was found does to all."""
     best, suspected = explanation.best, explanation.suspected
     return suspected is not None and not explained(best) and suspected.misfit < _FAR_NEARER * best.misfit
+
+
+def drives(explanation: Explanation) -> bool:
+    """Whether the balance of work says more of the place than the nearest machine, which leaves much.
+
+    The balance needs no path that follows; on one that does not, almost any force takes away a little.
+    """
+    best, worked = explanation.best, explanation.worked
+    far = not explained(best) and best is not explanation.shown
+    much = best.misfit > HALFWAY * explanation.nominal.misfit
+    return worked is not None and worked.share < _DRIVEN and far and much
 
 
 def cushioned(explanation: Explanation) -> bool:

@@ -12,6 +12,7 @@ from clearance.diagnosis.judging.play import MOTION, NEAREST, clearance_of
 from clearance.diagnosis.judging.verdict import (
     argument_of,
     cushioned,
+    drives,
     estimates,
     nearer,
     place_of,
@@ -64,6 +65,12 @@ def sentences(
             lines.append(
                 f"Without a name, {_acting(str(body), direction)} comes nearer to one recording; no table of "
                 "it was found that explains all."
+            )
+        elif drives(explanation) and explanation.worked is not None:
+            worked = explanation.worked
+            lines.append(
+                f"By the balance of work {_acting(worked.body, worked.direction)} gives the torque that the "
+                f"model lacks, all but {worked.share:.0%}; no machine was kept on the recordings with it."
             )
     if curve is not None:
         lines.insert(0, _free_force(explanation, curve))

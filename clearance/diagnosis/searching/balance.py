@@ -73,7 +73,7 @@ class Suggested:
     balanced: bool
     pairs: list[Balanced] = field(default_factory=list)
     weak: Balanced | None = None
-    lacking: float = 0.0
+    lacking: float = 1.0
     blind: bool = False
 
     @property

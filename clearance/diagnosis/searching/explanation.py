@@ -48,6 +48,21 @@ class Suspected:
     misfit: float
 
 
+@dataclass(frozen=True)
+class Worked:
+    """The force that by the balance of work gives most of the torque which a machine lacks.
+
+    Attributes:
+        body: on which it acts.
+        direction: in which.
+        share: of the imbalance that it leaves.
+    """
+
+    body: str
+    direction: str
+    share: float
+
+
 @dataclass
 class Explanation:
     """What was tried and what came of it.
@@ -57,6 +72,7 @@ class Explanation:
         attempts: hypotheses that were fitted, in the order in which they were tried.
         hints: of the screening beside the nominal machine.
         suspected: a force without a name that explains more than others, if one does.
+        worked: the force that the balance of work points at, whether or not a machine is followed with it.
         shaken: the force without a name that the balance of forces on a known frame shows, if it does.
         rails: between which the slider moves, if it does and not all recordings are followed so.
         shown: the machine between these rails, where none that was followed explains the recordings; or the
@@ -72,6 +88,7 @@ class Explanation:
     attempts: list[Attempt] = field(default_factory=list)
     hints: list[Hint] = field(default_factory=list)
     suspected: Suspected | None = None
+    worked: Worked | None = None
     shaken: Shaking | None = None
     rails: Rails | None = None
     shown: Attempt | None = None

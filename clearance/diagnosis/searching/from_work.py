@@ -11,7 +11,7 @@ from clearance.diagnosis.searching.balance import Suggested, settle_in, suggest_
 from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, NEARLY_ALL, SHARED
 from clearance.diagnosis.searching.elsewhere import begin_again
 from clearance.diagnosis.searching.everywhere import between, fit_from
-from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.explanation import Explanation, Worked
 from clearance.diagnosis.searching.from_motion import begin_wear
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.search import Search
@@ -41,6 +41,10 @@ def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[
     if suggested is None:
         return []
     explanation.balanced = suggested.balanced
+    if suggested.forces:
+        best = min(suggested.forces, key=lambda force: force.price)
+        first, share = best.hypotheses[0], best.cost / suggested.lacking
+        explanation.worked = Worked(first.body, first.direction, share)
     explanation.unpushed = not (suggested.forces or suggested.blind)
     explanation.pushes = [
         (one.hypotheses[0], one.values)

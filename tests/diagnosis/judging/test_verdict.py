@@ -29,7 +29,7 @@ from clearance.diagnosis.judging.verdict import (
     withdraw,
 )
 from clearance.diagnosis.judging.words import sentences
-from clearance.diagnosis.searching.explanation import Explanation, Rails, Suspected
+from clearance.diagnosis.searching.explanation import Explanation, Rails, Suspected, Worked
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 
@@ -202,6 +202,30 @@ def test_a_gap_that_no_machine_keeps_open_is_the_joint_s(fitted, before, cushion
         sentences("unknown", explanation, "B", {"held_out": {"before": 2.0, "after": 1.9}}, ["rod_b_axial"])
     )
     assert ("0.550 mm of clearance in joint B" in told) == cushioned
+
+
+@pytest.mark.parametrize(
+    ("misfit", "share", "expected"),
+    [
+        (25.0, 0.29, ("slider", "x")),
+        (25.0, 0.5, ("crank", "moment")),  # impacts leave as much
+        (10.0, 0.29, ("crank", "moment")),  # the nearest machine takes away much
+        (1.0, 0.29, ("crank", "moment")),
+    ],
+)
+def test_where_no_machine_is_near_the_balance_of_work_says_where_it_acts(
+    misfit, share, expected, monkeypatch
+):
+    known(monkeypatch, lambda a: [Estimate(3e-4, 3e-4, 3e-4)] * 2)
+    nearest, nominal = attempt(["torque_ripple"], misfit), attempt([], 60.0)
+    nearest.hypotheses[0].body, nearest.hypotheses[0].direction = "crank", "moment"
+    for one in (nominal, nearest):
+        one.fit.values = np.array([[3e-4, 700.0]])
+    explanation = Explanation(nominal, [nearest], worked=Worked("slider", "x", share))
+    assert place_of(explanation) == expected
+    held = {"held_out": {"before": 2.0, "after": 1.9}}
+    told = " ".join(sentences(verdict_of(explanation), explanation, "C", held, ["rod_b_axial"]))
+    assert ("all but 29%" in told) == (expected == ("slider", "x"))
 
 
 def test_what_fills_a_gap_is_told_as_a_resistance_along_the_contracts_direction(monkeypatch):

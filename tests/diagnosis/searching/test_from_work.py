@@ -17,7 +17,10 @@ from tests.diagnosis.judging.test_verdict import attempt
 
 
 def pair(*names):
-    hypotheses = tuple(SimpleNamespace(name=name, label=name, shapes=np.zeros(1, bool)) for name in names)
+    hypotheses = tuple(
+        SimpleNamespace(name=name, label=name, body="slider", direction="x", shapes=np.zeros(1, bool))
+        for name in names
+    )
     return Balanced(hypotheses, np.ones(len(names)), 2.0, 3e-4)
 
 
@@ -29,7 +32,11 @@ def nominal(misfit, clearance=3e-4):
 
 def table_on_slider(argument):
     return SimpleNamespace(
-        name="free_form", label=f"free_form({argument})", body="slider", shapes=np.zeros(1, bool)
+        name="free_form",
+        label=f"free_form({argument})",
+        body="slider",
+        direction="x",
+        shapes=np.zeros(1, bool),
     )
 
 
@@ -165,7 +172,7 @@ def test_no_second_table_is_followed_where_none_says_more_than_a_name_that_does_
 def test_what_alone_gives_nearly_all_and_does_not_explain_is_one_of_two(monkeypatch, other, lacking, most):
     def single(name, cost):
         hypothesis = SimpleNamespace(
-            name=name, label=name, body="crank", channel=None, shapes=np.zeros(1, bool)
+            name=name, label=name, body="crank", direction="moment", channel=None, shapes=np.zeros(1, bool)
         )
         return Balanced((hypothesis,), np.ones(1), cost, 3e-4)
 
