@@ -7,7 +7,7 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import deepcopy
 from functools import wraps
@@ -32,6 +32,26 @@ _PATH_WITH_KEYS = re.compile(r"""([\w.]+)=([^'"\[{$(][^'"]*=[^'"]*)""")
 _PATH_WITH_QUOTES = re.compile(r"""([\w.]+)=([^'"\[{$(]*/[^"$(]*'[^"$(]*)""")
 _LIST_OF_OPTIONS = re.compile(r"(\w+)=\[(.*,.*)\]")
 _ADDED = re.compile(r"\+(\w+)=.*")
+
+
+def set_key(override: str) -> str:
+    """What an override of the command line sets."""
+    return override.split("=")[0].lstrip("+~")
+
+
+def refuse(unused: Mapping[str, str]) -> None:
+    """Refuse what a command's configuration has and the command does not use.
+
+    Args:
+        unused: groups of keys, each with a word on what is used instead.
+
+    Raises:
+        InputError: one was set on the command line.
+    """
+    for one in HydraConfig.get().overrides.task:
+        group = set_key(one).split(".")[0].split("@")[0]
+        if group in unused:
+            raise InputError(f"{one}: {unused[group]}; leave {group} out")
 
 
 def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:

@@ -19,7 +19,7 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.event_file_writer import EventFileWriter
 from threadpoolctl import threadpool_limits
 
-from clearance.commands import command, threads
+from clearance.commands import command, refuse, threads
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import JOINTS, Setting
 from clearance.diagnosis.judging.outcome import SEARCHED, Outcome, diagnose
@@ -47,6 +47,12 @@ from clearance.whole_files import write_json
 log = logging.getLogger(__name__)
 
 UNKNOWN = "unknown"
+UNUSED = {
+    "integrator": "machines are run by Runge-Kutta's fourth order in steps of 10 µs or less",
+    "chain": "a recording's own file says through which chain it went (key chain of NAME.yaml)",
+    "sensor_chain": "what sensors do is found (tolerances says within which limits all may be off)",
+}
+"""What decides how a recording is simulated, and is not asked of one that was made."""
 _TOGETHER, _TOGETHER_IN_MOTION = 2, 5  # effects that are looked for at once: there a fit takes a second
 _MOST = 999  # simulations: some seconds each
 _BESIDE = """What the accelerometers were found to do.
@@ -58,6 +64,7 @@ _HELD_OUT = 1.0 / 3.0  # of each recording, where no other ones are held out
 @threadpool_limits.wrap(limits=1, user_api="blas")  # its threads wait for each other busily where others work
 def main(cfg: DictConfig) -> None:
     """Diagnose recordings; write ``diagnosis.json``, ``report.html`` and ``corrected.yaml``."""
+    refuse(UNUSED)
     folder = Path(HydraConfig.get().runtime.output_dir)
     joint = str(cfg.joint.name)
     if joint not in (*JOINTS, UNKNOWN):

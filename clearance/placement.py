@@ -13,7 +13,7 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
 
-from clearance.commands import command, threads
+from clearance.commands import command, refuse, set_key, threads
 from clearance.configuration import with_mechanism_path
 from clearance.diagnosis.hypotheses.hypothesis import JOINTS, Setting
 from clearance.diagnosis.judging.placement import Conditions, expected_errors, subsets
@@ -34,12 +34,7 @@ def main(cfg: DictConfig) -> None:
     """Rank the sets, show the best of each size, write ``placement.json`` and ``placement.png``."""
     folder = Path(HydraConfig.get().runtime.output_dir)
     asked = list(HydraConfig.get().overrides.task)
-    given = [one for one in asked if _key(one).split(".")[0] == "integrator"]
-    if given:
-        raise InputError(
-            f"{given[0]}: sensors are compared by Runge-Kutta's fourth order in steps of 10 µs; leave "
-            "integrator out"
-        )
+    refuse({"integrator": "sensors are compared by Runge-Kutta's fourth order in steps of 10 µs"})
     joint = str(cfg.joint.name)
     if joint not in JOINTS:
         raise InputError(
@@ -49,7 +44,7 @@ def main(cfg: DictConfig) -> None:
     other = [name for name in channels if name not in ACCELERATIONS]
     if other:
         raise InputError(f"sensors.channels: {other} are no accelerations; choose from {list(ACCELERATIONS)}")
-    if not any(_key(one) == "most" for one in asked):
+    if not any(set_key(one) == "most" for one in asked):
         cfg.most = min(cfg.most, len(channels))
     for name, most in (("most", len(channels)), ("best", 999)):
         if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or not 1 <= cfg[name] <= most:
@@ -100,16 +95,11 @@ def table(groups: Sequence[Sequence[dict[str, Any]]]) -> str:
 def training(ranking: Sequence[dict[str, Any]], asked: Sequence[str]) -> str:
     """The command that trains on each of some sets the machine that ``asked``, overrides, described."""
     sets = ",".join("[" + ",".join(one["channels"]) + "]" for one in ranking)
-    kept = [with_mechanism_path(one) for one in asked if _key(one).split(".")[0] not in _OWN]
-    if not any(_key(one) == "sensor_chain" for one in kept):
+    kept = [with_mechanism_path(one) for one in asked if set_key(one).split(".")[0] not in _OWN]
+    if not any(set_key(one) == "sensor_chain" for one in kept):
         kept.insert(0, "sensor_chain=mems")
     words = ["model=tcn", *kept, f"sensors.channels={sets}"]
     return f"to train on the best: python -m clearance.train -m {shlex.join(words)}"
-
-
-def _key(override: str) -> str:
-    """What an override sets."""
-    return override.split("=")[0].lstrip("+~")
 
 
 if __name__ == "__main__":

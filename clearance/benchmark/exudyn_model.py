@@ -122,13 +122,11 @@ class ExudynRun:
 
     Attributes:
         cost: of the solver alone.
-        steps: time steps.
         time: (samples,) [s].
         acceleration: (samples,) of the slider [m/s^2].
     """
 
     cost: Cost
-    steps: int
     time: np.ndarray
     acceleration: np.ndarray
 
@@ -177,7 +175,7 @@ def simulate_with_exudyn(
     recorded = np.concatenate(samples)
     _, first = np.unique(recorded[:, 0], return_index=True)  # each phase stores its first sample too
     recorded = recorded[first]
-    return ExudynRun(Cost(wall, cpu), round(duration / step), recorded[:, 0], recorded[:, 1])
+    return ExudynRun(Cost(wall, cpu), recorded[:, 0], recorded[:, 1])
 
 
 def _speed_control(machine: SliderCrank) -> SpeedControl:

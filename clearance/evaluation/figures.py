@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from clearance.models.location import LOCATIONS
 
+_BINS = 10  # of clearances or speeds, for medians
 _POINT: dict[str, Any] = {"s": 6, "alpha": 0.35, "linewidths": 0}
 
 
@@ -65,11 +66,11 @@ def location_confusion(counts: np.ndarray, title: str) -> Figure:
     return figure
 
 
-def _binned_median(value: np.ndarray, error: np.ndarray, bins: int = 10) -> tuple[np.ndarray, np.ndarray]:
+def _binned_median(value: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if len(value) == 0:
         return np.empty(0), np.empty(0)
-    edges = np.linspace(value.min(), value.max(), bins + 1)
-    place = np.clip(np.digitize(value, edges) - 1, 0, bins - 1)
+    edges = np.linspace(value.min(), value.max(), _BINS + 1)
+    place = np.clip(np.digitize(value, edges) - 1, 0, _BINS - 1)
     filled = np.unique(place)
     return (edges[filled] + edges[filled + 1]) / 2, np.array([np.median(error[place == b]) for b in filled])
 

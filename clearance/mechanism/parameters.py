@@ -6,7 +6,7 @@ them.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from enum import IntEnum, auto
 from math import isfinite
 from typing import Any, ClassVar
@@ -273,9 +273,3 @@ def require_list(owner: Any, count: int, low: float, high: float, **named: Any) 
             )
         for value in values:
             require(owner, low, high, **{name: value})
-
-
-def require_numbers(owner: Any) -> None:
-    """Check that every field of a parameter dataclass is a finite number (YAML does not check types)."""
-    for field in fields(owner):
-        require(owner, low=-float("inf"), **{field.name: getattr(owner, field.name)})

@@ -78,7 +78,7 @@ def reveal(folder: Path, sealed: Path, verdicts: str = VERDICTS) -> tuple[dict[s
         verdicts: folder of one program's answers within that of the trial.
 
     Returns:
-        ``seed``, ``commitment`` and ``verdicts`` (hashes), and the cases.
+        ``seed``, ``commitment``, ``verdicts`` (hashes), ``scope`` and ``asked``, and the cases.
 
     Raises:
         InputError: if a verdict is missing or anything was changed.

@@ -126,10 +126,6 @@ class WindowData(L.LightningDataModule):
         """Batches of the validation windows, in order."""
         return self._loader(self.validation_windows())
 
-    def test_dataloader(self) -> DataLoader[Batch]:
-        """Batches of the test windows, in order."""
-        return self._loader(self.test_windows())
-
     def training_order(self, windows: int, epoch: int, share: tuple[int, int] = (0, 1)) -> BatchOrder:
         """Batches of an epoch's training windows; of each a device's ``share`` (see ``BatchOrder``)."""
         return BatchOrder(windows, self.batch_size, (self.seed, epoch), share)

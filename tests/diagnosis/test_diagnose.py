@@ -207,6 +207,9 @@ def recordings(tmp_path_factory):
         ),
         (("recordings=tiny.parquet",), "tiny.parquet: 3 samples are too few to follow; give at least 160"),
         (("held_out=a.parquet",), "nothing to fit; give recordings"),
+        (("recordings=a.parquet", "chain.decimation=5"), "key chain of NAME.yaml); leave chain out"),
+        (("recordings=a.parquet", "integrator=euler"), "leave integrator out"),
+        (("recordings=a.parquet", "+sensor_chain.default.noise=0.01"), "leave sensor_chain out"),
     ],
 )
 def test_wrong_inputs_are_one_line(monkeypatch, capfd, recordings, wrong, words):

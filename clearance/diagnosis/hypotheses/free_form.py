@@ -42,9 +42,9 @@ class Curve:
     Attributes:
         body: where it acts.
         direction: in which.
-        argument: of ``ARGUMENTS``.
+        argument: of ``ARGUMENTS``, or closeness of a journal to its bearing.
         knots: (knots,) values of the argument.
-        forces: (knots,) [N or N m].
+        forces: (knots,) [N or N m]; over closeness dampings [N s/m].
         deviations: (knots,) standard deviations.
         gain: as in ``Regression``.
         price: of its parameters.

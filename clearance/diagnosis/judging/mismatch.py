@@ -12,6 +12,7 @@ from clearance.diagnosis.shooting.follow import EDGE
 from clearance.simulation.layout import COORDINATES, State
 
 ANGLE_BINS = 36
+_DRAWS = 400  # of blocks, for an interval
 _BLOCK = 128  # samples of a spectrum, fewer where there are fewer
 _ALIKE = 3.0  # neighbouring samples share what the state did not foresee: as many count as one
 _FALSE_DISCOVERIES = 0.05
@@ -119,7 +120,7 @@ def _quiet_square(each: np.ndarray) -> float:
     return float(np.sort(each)[: max(1, round(_QUIET * len(each)))].mean() / _QUIET_SQUARE)
 
 
-def interval(errors: Sequence[Innovations], draws: int = 400) -> tuple[float, float]:
+def interval(errors: Sequence[Innovations]) -> tuple[float, float]:
     """95 % interval of ``root_mean_square`` by resampling blocks of ten segments (Kuensch 1989).
 
     Of fewer where there are not ten such blocks, or a recording is shorter than one.
@@ -130,7 +131,7 @@ def interval(errors: Sequence[Innovations], draws: int = 400) -> tuple[float, fl
     rows = np.concatenate([each[: len(each) // length * length].reshape(-1, length) for each in squares])
     found = [
         np.sqrt(_quiet_square(rows[generator.integers(0, len(rows), len(rows))].ravel()))
-        for _ in range(draws)
+        for _ in range(_DRAWS)
     ]
     low, high = np.quantile(found, [0.025, 0.975])
     return float(low), float(high)

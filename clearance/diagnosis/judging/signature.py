@@ -53,8 +53,8 @@ def signatures(
         workers: threads; all cores if ``None``.
 
     Returns:
-        ``crank_angle_deg`` and, for each recording, ``phase``, ``spectrum`` and ``impacts``; a model that
-        cannot run is left out.
+        ``recordings``: of each ``name``, ``revolutions``, ``crank_angle_deg``, ``frequency_hz``, ``phase``,
+        ``spectrum`` and ``impacts``; a model that cannot run is left out.
     """
     seen = [_recorded(*each) for each in zip(recordings, speeds, angles, strict=True)]
     same = list(before) == list(after)

@@ -20,6 +20,7 @@ from clearance.diagnosis.judging.verdict import (
     unconfirmed,
 )
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.geometry import CLOCK, FRAME
 from clearance.diagnosis.searching.significance import null_scores, suspicious
 from clearance.mechanism.applied_force import TabulatedForce
 
@@ -66,7 +67,7 @@ def sentences(
                 f"Without a name, {_acting(str(body), direction)} comes nearer to one recording; no table of "
                 "it was found that explains all."
             )
-        elif drives(explanation) and explanation.worked is not None:
+        elif not cushioned(explanation) and drives(explanation) and explanation.worked is not None:
             worked = explanation.worked
             lines.append(
                 f"By the balance of work {_acting(worked.body, worked.direction)} gives the torque that the "
@@ -152,9 +153,11 @@ def _shown_by_motion(explanation: Explanation) -> str:
             "One recording was followed so through its strikes, others were not: what else may be missing "
             "there is not said."
         )
+    beside = [] if rails is None else [hypothesis.name for hypothesis in rails.beside]
+    where = {FRAME: " on a frame that gives way", CLOCK: " by a clock that is wrong"}
     return (
         "The motion alone shows this: the slider moves as if between rails"
-        f"{' on a frame that gives way' if rails is not None and rails.beside else ''}. "
+        f"{''.join(where[name] for name in beside)}. "
         "No such machine was kept on the recordings through its strikes: what else may be missing is not "
         "said."
     )

@@ -105,7 +105,6 @@ def fit(
     workers: int = 1,
     staged: bool = False,
     iterations: int = _ITERATIONS,
-    enough: float = _ENOUGH,
 ) -> Fit:
     """Fit a model.
 
@@ -119,7 +118,6 @@ def fit(
         staged: from a poor start: first each recording's own unknowns to the crank's angle, which is nearly
             linear in them, then to all channels of the first moments and of ever longer parts.
         iterations: at most.
-        enough: decrease of the cost that is not worth another step.
     """
     if staged:
         if all("crank_angle" in track.channels for track in tracks):
@@ -133,16 +131,15 @@ def fit(
                 workers,
                 iterations,
                 True,
-                enough,
             )
             own = turned.own
         seconds, longest = _FIRST, max(track.seconds for track in tracks)
         while seconds < 0.7 * longest:
             parts = [t.part(0, max(_FEWEST, round(seconds * t.rate))) for t in tracks]
-            found = _fit(model, parts, shared, own, begin, workers, iterations, False, enough)
+            found = _fit(model, parts, shared, own, begin, workers, iterations, False)
             shared, own = found.shared, found.own
             seconds *= 3.0
-    return _fit(model, tracks, shared, own, begin, workers, iterations, False, enough)
+    return _fit(model, tracks, shared, own, begin, workers, iterations, False)
 
 
 def _fit(
@@ -154,7 +151,6 @@ def _fit(
     workers: int,
     iterations: int,
     held: bool,
-    enough: float,
 ) -> Fit:
     owns = [model.own(b) for b in begin]
     values = np.concatenate([shared, own.ravel()])
@@ -181,7 +177,7 @@ def _fit(
         if not gain > 0.0:
             break
         values, here = trials[best], points[best]
-        if gain < enough:
+        if gain < _ENOUGH:
             break
     return problem.finish(values, here)
 

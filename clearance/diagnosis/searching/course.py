@@ -31,9 +31,11 @@ from clearance.diagnosis.searching.from_motion import (
 )
 from clearance.diagnosis.searching.from_work import begin_balanced, begin_beside, begin_pairs
 from clearance.diagnosis.searching.geometry import (
+    CLOCK,
     GEOMETRIC,
     LOOSE_GUIDE,
     Dimension,
+    Shown,
     suggest_channels,
     suggest_dimensions,
 )
@@ -135,10 +137,15 @@ class Course:
             self.displaced = begin_displaced(self.search, self.explanation, self._dimensions, self.most)
 
     def rails(self) -> None:
-        """A guide that is beyond doubt loose by the motion."""
-        if self.nominal.misfit > FAR:
+        """A guide that is loose beyond doubt by the motion, or by it with a clock that it accuses."""
+        if not self.nominal.misfit > FAR:
+            return
+        together = self.most > 1
+        self.railed = begin_guide(self.search, self.explanation, most=_RAILED, together=together)
+        clock = next((one for one in self._dimensions if one.hypothesis.name == CLOCK), None)
+        if together and clock is not None and not (self.railed or self.over()):
             self.railed = begin_guide(
-                self.search, self.explanation, most=_RAILED, together=self.most > 1
+                self.search, self.explanation, Shown.alone(self.search, clock), most=_RAILED
             )  # fmt: skip
 
     def balance(self) -> None:

@@ -9,7 +9,7 @@ fault a third is left, without another one two thirds.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -36,8 +36,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 
 GEOMETRIC = ("slider_offset", "second_clearance")
 """Effects that change where the links can be."""
-LOOSE_GUIDE, FRAME = "guide_clearance", "flexible_base"
-_CLOCK = "timebase"
+LOOSE_GUIDE, FRAME, CLOCK = "guide_clearance", "flexible_base", "timebase"
 
 _MULTIPLES = np.outer([-1.0, 1.0], [0.3, 0.7, 1.5, 3.0, 7.0, 15.0, 40.0]).ravel()  # of a plausible size
 _WITHIN = 2.5  # times larger or smaller than the best one of these
@@ -91,6 +90,24 @@ class Shown:
         """The nominal machine."""
         return Shown((), np.zeros(0), np.zeros(0), search.profile)
 
+    @staticmethod
+    def alone(search: Search, one: "Dimension") -> "Shown":
+        """One dimension, or a fault that is undone."""
+        size = np.array([one.value])
+        shown = Shown((one.hypothesis,), size, _SYSTEMATIC * np.abs(size), search.profile)
+        setting = search.setting.added(shown.hypotheses, size)
+        recordings, workers = shown.undone(search), search.workers
+        beside = profile(recordings, search.alignments, setting.with_clearance, workers)
+        return replace(shown, profile=beside)
+
+    def undone(self, search: Search) -> list[Measured]:
+        """The recordings without the faults that are among these effects."""
+        if all(hypothesis.fault is None for hypothesis in self.hypotheses):
+            return search.recordings
+        model = search.setting.model(self.hypotheses)
+        instrument = model.instrument(np.concatenate([[np.nan], self.sizes, [np.nan]]))
+        return [one.undone(instrument) for one in search.recordings]
+
 
 def suggest_channels(search: Search) -> dict[str, float]:
     """Channels without which the motion agrees much better, the most suspicious one first: what is left.
@@ -125,7 +142,7 @@ def suggest_dimensions(search: Search, channels: Mapping[str, float]) -> list[Di
     single = [group[0] for group in search.groups.values() if len(group[0].unknowns) == 1]
     single.sort(key=lambda one: one.fault is not None)
     for hypothesis in single:
-        possible = hypothesis.name in (*GEOMETRIC, _CLOCK)
+        possible = hypothesis.name in (*GEOMETRIC, CLOCK)
         if hypothesis.channel is not None and hypothesis.channel in channels:
             left = channels[hypothesis.channel]
             possible = all(left < one.share for one in found if one.hypothesis.fault is None)
@@ -141,7 +158,7 @@ def suggest_clock(search: Search) -> Dimension | None:
 
     Nothing else alters every channel alike, so that no force is to be looked for before that.
     """
-    hypothesis = next((group[0] for group in search.groups.values() if group[0].name == _CLOCK), None)
+    hypothesis = next((group[0] for group in search.groups.values() if group[0].name == CLOCK), None)
     best = None if hypothesis is None else _dimension(search, hypothesis)
     if best is None or best.share > _MISLED:
         return None
@@ -161,9 +178,10 @@ def suggest_guide(search: Search, shown: Shown, most: float = RAILED) -> Dimensi
         LinAlgError: a linkage that does not turn.
     """
     hypothesis = next((g[0] for g in search.groups.values() if g[0].name == LOOSE_GUIDE), None)
-    recordings, alignments, workers = search.recordings, search.alignments, search.workers
+    alignments, workers = search.alignments, search.workers
     if hypothesis is None:
         return None
+    recordings = shown.undone(search)
     setting = search.setting.added(shown.hypotheses, shown.sizes)
     nominal = setting.with_clearance(shown.profile.best)
     paths = [_compared(one, known, nominal) for one, known in zip(recordings, alignments, strict=True)]
@@ -200,7 +218,7 @@ def measure_rails(search: Search, guide: Dimension, shown: Shown) -> Rails:
     setting = search.setting.added(shown.hypotheses, shown.sizes)
     machine = guide.hypothesis.apply(setting.with_clearance(guide.clearance), np.array([guide.value]))
     gaps, weights = [], []
-    for one, known in zip(search.recordings, search.alignments, strict=True):
+    for one, known in zip(shown.undone(search), search.alignments, strict=True):
         path = _compared(one, known, machine)
         gap, sd = measure_gap(path.across[0], path.across[1], guide.value, path.doubt, 1.0 / one.chain.rate)
         gaps.append(gap)

@@ -157,7 +157,7 @@ def between_rails(search: Search, rails: Rails) -> Attempt | None:
     row = np.array([rails.clearance, rails.gap, *rails.sizes])
     known = np.append(row, search.traces[0].speed)
     try:
-        traces = [search.retrace(r, model.machine(known)) for r in range(len(search.recordings))]
+        traces = _traces(search, model, known)
         values = np.array([np.append(row, trace.speed) for trace in traces])
         followers = tightened([trace.follower(LOOSENESS) for trace in traces])
         found = fit(followers, model, values, 0, 1.0, search.workers, scale=ANNEALING[2])
@@ -245,7 +245,7 @@ def _first(search: Search, model: Model, rows: np.ndarray) -> tuple[int, Followe
     rows = rows.copy()
     for r, row in enumerate(rows):
         try:
-            trace = search.retrace(r, model.machine(row))
+            trace = search.retrace(r, model.machine(row), model.instrument(row))
         except np.linalg.LinAlgError:  # no motion between such rails is near
             continue
         row[-1] = trace.speed
@@ -338,7 +338,13 @@ def _everywhere(
     search: Search, held: Sequence[Hypothesis], model: Model, first: int, followed: Followed
 ) -> Attempt | None:
     """Fit to all recordings what the first one tells."""
-    traces = [search.retrace(r, model.machine(followed[1])) for r in range(len(search.recordings))]
+    traces = _traces(search, model, followed[1])
     rows = np.repeat(followed[1][None], len(traces), axis=0)
     rows[:, -1] = [trace.speed for trace in traces]
     return fit_rattling(traces, model, rows, search.workers, search.late, held, {first: followed})
+
+
+def _traces(search: Search, model: Model, row: np.ndarray) -> list[Trace]:
+    """The paths of all recordings for a machine and instruments with (unknowns,) values."""
+    machine, instrument = model.machine(row), model.instrument(row)
+    return [search.retrace(r, machine, instrument) for r in range(len(search.recordings))]

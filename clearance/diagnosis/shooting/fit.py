@@ -17,7 +17,7 @@ from clearance.diagnosis.shooting.stretch import Pass
 _CLOSER = np.sqrt(10.0)  # times as large is the scale of the noise before
 _ALIKE = 0.1  # of such a step: scales that differ by less are one
 _COARSELY = 1e-2  # share of the cost whose fall ends a coarse fit
-_SETTLING = ("report", "goal", "tries", "home")  # what only ``settle`` wants to know
+_SETTLING = ("goal", "tries", "home")  # what only ``settle`` wants to know
 
 
 @dataclass

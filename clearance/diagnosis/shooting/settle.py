@@ -6,7 +6,7 @@ held back: everywhere where it was bad as a whole (``damping``), or only where i
 (``local``), so that these do not hold up the rest.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,13 +73,12 @@ def settle(
     iterations: int = 10,
     tolerance: float = 1e-3,
     workers: int = 2,
-    report: Callable[[int, float, np.ndarray], None] | None = None,
     goal: float = 0.0,
     tries: int = 4,
     home: np.ndarray | None = None,
     **options: Any,
 ) -> Settled:
-    """Gauss-Newton with step halving from present paths and values.
+    """Gauss-Newton with damping, from present paths and values.
 
     Args:
         followers: one a recording, with paths; moved to the solution.
@@ -88,21 +87,18 @@ def settle(
         iterations: at most.
         tolerance: stop when the cost falls by less than this share.
         workers: threads.
-        report: called with the iteration, cost and values.
         goal: cost a sample that is good enough.
         tries: of damping in one iteration.
         home: as of ``Expectation``.
         options: for ``Follower.look``.
     """
     descent = _Descent(followers, model, values, home, workers, options)
-    for iteration in range(iterations):
+    for _ in range(iterations):
         if descent.here.cost < goal * descent.samples:
             break
         fall = descent.advance(tries)
         if fall is None:
             break
-        if report is not None:
-            report(iteration, descent.here.cost, descent.here.values)
         if fall < tolerance * descent.here.cost and descent.damping == 0.0:
             break
         descent.ease()

@@ -77,7 +77,7 @@ def test_a_sensor_that_the_motion_accuses_comes_before_forces(monkeypatch, misfi
     monkeypatch.setattr(course + "look", lambda *_: Prospects([], [], [], [], []))
     monkeypatch.setattr(course + "glaring", lambda _: None)
     for name in ("begin_clock", "begin_displaced", "suggest_dimensions"):
-        monkeypatch.setattr(course + name, lambda *_: None)
+        monkeypatch.setattr(course + name, lambda *_: [])
     monkeypatch.setattr(course + "suggest_channels", lambda _: {"rod_b_axial": left})
     monkeypatch.setattr(course + "deafen", lambda *of: asked.append(of[3]))
     monkeypatch.setattr(course + "begin_balanced", lambda *_: asked.append("balance") or [])
@@ -396,3 +396,17 @@ def test_rails_beyond_doubt_come_before_any_force_and_are_not_followed_twice(
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
     search_all(search, Explanation(attempt([], misfit)), most_effects, lambda _: None)
     assert [one for one in asked if misfit > 20.0 or one != "balance"] == expected
+
+
+def test_rails_are_looked_for_by_the_clock_that_the_motion_accuses(monkeypatch, fruitless):
+    def guide(search, explanation, shown=None, most=1.0, together=True):
+        asked.append(shown)
+        return shown is not None
+
+    asked, clock = [], SimpleNamespace(hypothesis=SimpleNamespace(name="timebase"))
+    monkeypatch.setattr(fruitless + "begin_guide", guide)
+    monkeypatch.setattr(fruitless + "suggest_dimensions", lambda *_: [clock])
+    monkeypatch.setattr(fruitless + "Shown", SimpleNamespace(alone=lambda search, one: one))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
+    search_all(search, Explanation(attempt([], 30.0)), 2, lambda _: None)
+    assert asked == [None, clock]

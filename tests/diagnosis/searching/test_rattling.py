@@ -37,13 +37,17 @@ def islands(monkeypatch, outcomes):
 
 
 TRACES = [SimpleNamespace(speed=700.0, doubts=[9.0, 2.0]), SimpleNamespace(speed=800.0, doubts=[1.0, 30.0])]
-MODEL = SimpleNamespace(held=lambda row: None, machine=lambda row: None, shared=2)
+MODEL = SimpleNamespace(
+    held=lambda row: None, machine=lambda row: None, instrument=lambda row: None, shared=2
+)
 ROWS = np.array([[3e-4, 2e-5, 0.0], [3e-4, 2e-5, 0.0]])
 
 
 def test_likely_islands_of_all_recordings_are_tried_by_their_doubt(monkeypatch):
     asked = islands(monkeypatch, {(700.0, 0): LOST, (700.0, 1): HELD, (800.0, 0): LOST, (800.0, 1): LOST})
-    search = SimpleNamespace(retrace=lambda r, machine: TRACES[r], report=lambda _: None, late=lambda: False)
+    search = SimpleNamespace(
+        retrace=lambda r, machine, instrument: TRACES[r], report=lambda _: None, late=lambda: False
+    )
     first, found = rattling._first(search, MODEL, ROWS)
     assert (first, found) == (0, HELD)
     assert asked == [(800.0, 0), (700.0, 1)]
