@@ -19,7 +19,7 @@ from clearance.diagnosis.shooting.follow import alike
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.layout import Signal, State
 
-_SHOWN = 1500  # samples of an overlay
+SHOWN = 1500  # samples of an overlay
 _DRAWS = 100  # of unknown forces from what is known of them: their scatter is the band
 _HINTS = 15  # hypotheses of the ranking that were not fitted
 _UNITS = {"torque": "N m", "moment": "N m", "x": "N"}
@@ -191,7 +191,7 @@ def _overlays(before: Attempt, after: Attempt) -> list[dict[str, Any]]:
     found = []
     one, two = before.fit.passes[0], after.fit.passes[0]
     measured = after.followers[0].measured
-    n = min(_SHOWN // SAMPLES, len(two.predicted), len(one.predicted))
+    n = min(SHOWN // SAMPLES, len(two.predicted), len(one.predicted))
     shift, recorded = measured.values[:n], measured.as_recorded().values[:n]
     others = before.followers[0].measured.as_recorded().values[:n]
     seen = measured.seen(two.predicted, after.model.instrument(after.fit.values[0]))

@@ -1,6 +1,6 @@
 """Where a model and the recordings differ: by channel, crank angle, contact and frequency."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from clearance.diagnosis.shooting.follow import EDGE
 from clearance.simulation.layout import COORDINATES, State
 
 ANGLE_BINS = 36
+_NOTICED, _MOST = 0.1, 3  # of the mismatch that is worth a word; channels that are named
 _DRAWS = 400  # of blocks, for an interval
 _BLOCK = 128  # samples of a spectrum, fewer where there are fewer
 _ALIKE = 3.0  # neighbouring samples share what the state did not foresee: as many count as one
@@ -219,6 +220,16 @@ def spectrum(rests: Sequence[np.ndarray], rate: float) -> tuple[np.ndarray, np.n
         frames = rest[: blocks * size].reshape(blocks, size, -1) * window[:, None]
         power.append(np.abs(np.fft.rfft(frames, axis=1)) ** 2 / (window**2).sum())
     return np.fft.rfftfreq(size, 1.0 / rate), np.sqrt(np.concatenate(power).mean(axis=0).T)
+
+
+def noticed(shares: Mapping[str, float]) -> list[str]:
+    """Channels that have enough of the mismatch to be worth a word, the loudest first.
+
+    Args:
+        shares: of the mismatch, by channel; as ``channels`` of ``summary``.
+    """
+    loud = [c for c, share in sorted(shares.items(), key=lambda each: -each[1]) if share > _NOTICED]
+    return loud[:_MOST]
 
 
 def summary(errors: Sequence[Innovations]) -> dict[str, Any]:

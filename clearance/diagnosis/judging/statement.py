@@ -7,7 +7,7 @@ from typing import Any
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.judging.detectability import seen_beside
 from clearance.diagnosis.judging.held_out import Judged
-from clearance.diagnosis.judging.mismatch import Innovations, interval, root_mean_square, summary
+from clearance.diagnosis.judging.mismatch import Innovations, interval, noticed, root_mean_square, summary
 from clearance.diagnosis.judging.play import clearance_of
 from clearance.diagnosis.judging.sensors import advice, calibrated_sensors, largest
 from clearance.diagnosis.judging.separation import advised, experiments
@@ -32,7 +32,6 @@ from clearance.diagnosis.searching.significance import p_value
 from clearance.diagnosis.sensing.measured import Measured
 
 METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
-_SHOWS, _MOST = 0.1, 3  # of a channel's mismatch that is worth a word; channels that are named
 
 
 def state(
@@ -67,7 +66,7 @@ def state(
     named = effects_of(best, probabilities(explanation), basis) if verdict not in ("none", "unknown") else []
     sensors, further = calibrated_sensors(best), _next_experiments(search, explanation, others)
     score = explanation.hints[0].gain if explanation.hints else None
-    shows = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > _SHOWS][:_MOST]
+    shows = noticed(where["channels"])
     return {
         "verdict": verdict,
         "summary": [

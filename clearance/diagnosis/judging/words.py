@@ -27,7 +27,7 @@ from clearance.mechanism.applied_force import TabulatedForce
 _PUSHES = {"torque": "torque", "moment": "moment"}
 _TOWARDS = {"x": ", along x", "y": ", along y", "normal": ", normal to the bearing"}
 _LOST = 100.0  # times a perfect model's errors: the path was lost, and how far off it ended says nothing
-_HELPS = 0.99  # of the held-out error before: what leaves more is not said to lower it
+HELPS = 0.99  # of the held-out error before: what leaves more is not said to lower it
 
 
 def sentences(
@@ -193,7 +193,7 @@ def _gain(explanation: Explanation, held: dict[str, Any]) -> str:
             "1.00); elsewhere its path was lost,"
         )
     them = {0: "it", 1: "it", 2: "both"}.get(len(best.hypotheses), "all of them")
-    if not held["after"] < _HELPS * held["before"]:
+    if not held["after"] < HELPS * held["before"]:
         return (
             f"It does not help on held-out recordings, where errors are {after} with {them} and "
             f"{held['before']:.3g} without (floor 1.00)"

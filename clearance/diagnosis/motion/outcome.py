@@ -9,6 +9,7 @@ import numpy as np
 
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.judging.evidence import SHOWN
 from clearance.diagnosis.judging.mismatch import whiteness
 from clearance.diagnosis.judging.outcome import Outcome
 from clearance.diagnosis.motion.attempt import Findings
@@ -29,7 +30,6 @@ from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import peak_memory
 from clearance.recording.channels import si_unit
 
-_SHOWN = 1500  # samples of an overlay
 _UNLIKELY = 0.25  # share of a channel's variance that the mechanism must explain
 
 
@@ -170,11 +170,11 @@ def _ranking(findings: Findings) -> list[dict[str, Any]]:
 def _overlays(before: Judged, after: Judged) -> list[dict[str, Any]]:
     """Recorded beside both models, for the first held-out recording."""
     track = after.tracks[0]
-    recorded = track.values[track.judged][:_SHOWN]
+    recorded = track.values[track.judged][:SHOWN]
     found = []
     for i, channel in enumerate(track.channels):
         one = {
-            name: recorded[:, i] - judged.fit.residuals[0][:_SHOWN, i]
+            name: recorded[:, i] - judged.fit.residuals[0][:SHOWN, i]
             for name, judged in (("before", before), ("after", after))
         }
         found.append(

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from clearance.diagnosis.hypotheses.effect import Effect
+from clearance.diagnosis.judging.mismatch import noticed
 from clearance.diagnosis.motion.attempt import Attempt, Findings
 from clearance.diagnosis.motion.fit import Fit
 from clearance.diagnosis.motion.judged import Judged, over
@@ -17,7 +18,6 @@ from clearance.diagnosis.motion.verdict import clearance_of, effects, sentences,
 from clearance.diagnosis.motion.where import summary
 
 METRIC = "root mean square of whole-run residuals over the noise of each channel"
-_SHOWS, _MOST = 0.1, 3  # of a channel's mismatch that is worth a word; channels that are named
 
 
 def state(
@@ -50,8 +50,7 @@ def state(
     asserted = effects(findings, zero, _probability(search, findings))
     turned = angles(nominal.fit, search.tracks)
     where = summary(over(nominal.fit, search.tracks, enough), turned, enough.channels, search.tracks[0].rate)
-    shows = [c for c, s in sorted(where["channels"].items(), key=lambda kv: -kv[1]) if s > _SHOWS][:_MOST]
-    shows = shows or list(enough.channels)[:1]
+    shows = noticed(where["channels"]) or list(enough.channels)[:1]
     clearance, (singles, combinations) = clearance_of(best.fit, enough.enough), uncertain_of(best.fit)
     names = [
         *(t.name for t in best.terms), *([zero.name] if findings.zero and zero is not None else [])

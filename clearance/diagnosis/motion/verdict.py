@@ -1,12 +1,13 @@
 """From findings to what is asserted: verdict, numbers with intervals, plain words."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from clearance.diagnosis.hypotheses.effect import Effect
+from clearance.diagnosis.judging.verdict import Estimate
+from clearance.diagnosis.judging.words import HELPS
 from clearance.diagnosis.motion.attempt import Attempt, Findings, zero_of
 from clearance.diagnosis.motion.fit import Fit
 from clearance.diagnosis.motion.model import Term
@@ -16,21 +17,7 @@ _Z = 1.96  # of a 95 % interval
 _SEEN = 3.3  # standard deviations from which on a clearance counts as seen
 _CONFIRMED = 1.3  # held-out error over its floor, up to which the recordings there are explained
 _NEXT_TO_NOTHING, _SLIGHT = 0.05, 2.0  # of the mismatch; held-out error over its floor, at most
-_HELPS = 0.99  # of the held-out error before: what leaves more is not said to lower it
 _KNOWN = 0.05  # of its range: an uncertain value is known when its deviation is below
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A number with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-    def text(self, effect: Effect, name: str) -> str:
-        """For people, as the effect writes its parameter."""
-        return effect.parameter(name).text(self.value, self.low, self.high)
 
 
 def estimates(attempt: Attempt, term: Term) -> dict[str, Estimate]:
@@ -208,7 +195,12 @@ def sentences(
             f"(held-out error {held['after']:.2f}, floor 1.00)."
         )
     for effect, numbers, _ in asserted:
-        lines.append(effect.describe({name: e.text(effect, name) for name, e in numbers.items()}, joint))
+        lines.append(
+            effect.describe(
+                {name: effect.parameter(name).text(e.value, e.low, e.high) for name, e in numbers.items()},
+                joint,
+            )
+        )
     assert findings.enough is not None
     if verdict == "unknown":
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
@@ -225,7 +217,7 @@ def sentences(
     if equivalents:
         lines += [_alike_words(findings.best, other) for other in equivalents]
     if asserted:
-        helps = held["after"] < _HELPS * held["before"]
+        helps = held["after"] < HELPS * held["before"]
         lines.append(
             f"It shows in {', '.join(channels)}. With it, held-out error "
             f"{'falls' if helps else 'goes'} from {held['before']:.3g} to {held['after']:.3g} (floor 1.00)."
