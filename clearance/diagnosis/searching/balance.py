@@ -38,7 +38,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 _BALANCED = 3.0  # mean square in units of the scatter up to which nothing need be missing here
 _QUIET = 1.2  # of it: up to which nothing can be told
 _FAINT = 0.05  # of the slider's inertia force: where no less shows beside the scatter, nothing can either
-_SURELY = 0.25  # of the imbalance: a name that leaves less is there, though no path may be followed with it
+_SURELY = 0.3  # of the imbalance: a name that leaves less is there, though no path may be followed with it
 _TAKEN = 0.12  # of it: what an effect takes away at least for each of its sizes (wrong ones 0.06 for one)
 _FREE = 0.65  # likewise of a force of free form
 _SOME = 0.85  # likewise of one that is tried only where nothing else is near

@@ -160,7 +160,11 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
 
 
 def begin_inside(
-    search: Search, explanation: Explanation, base: Attempt, clearance: float | None = None
+    search: Search,
+    explanation: Explanation,
+    base: Attempt,
+    clearance: float | None = None,
+    anew: bool = False,
 ) -> None:
     """Fit what acts inside the joint from plausible sizes beside ``base``, where that does not explain.
 
@@ -175,6 +179,7 @@ def begin_inside(
         base: attempt beside which they are fitted.
         clearance: from which they are tried [m]; that of ``base`` if ``None``, or of the motion where they
             mean two paths.
+        anew: whether paths are sought with them: those of the nominal machine lack what ``base`` has.
     """
     shown, joint, alone = search.profile.best, search.setting.joint, base is explanation.nominal
     if explained(base):
@@ -189,7 +194,7 @@ def begin_inside(
         tables.append([free_form(resisting(joint, size), joint) for size in _RESISTING])
     if alone and all(g[0].name != _FRICTION for g in others):
         tables.append([free_form(rubbing(joint, size), joint) for size in _RUBBING])
-    _try_out(search, explanation, base, [*films, *tables, *groups], clearance, len(_RESISTING))
+    _try_out(search, explanation, base, [*films, *tables, *groups], clearance, len(_RESISTING), anew)
 
 
 def _try_out(
@@ -199,10 +204,11 @@ def _try_out(
     groups: Sequence[Sequence[Hypothesis]],
     clearance: float | None,
     most: int = _TRIALS,
+    anew: bool = False,
 ) -> None:
     """Try hypotheses on one recording, fit the best to all; from a clearance [m], or that of ``base``.
 
-    Of each group ``most`` plausible shapes or sizes are tried.
+    Of each group ``most`` plausible shapes or sizes are tried, ``anew`` on paths that are sought with them.
     """
     surest = surest_of(search.starts)
     limit, good = max(base.misfits[surest], POOR), enough(base, surest)
@@ -211,8 +217,9 @@ def _try_out(
 
     def everywhere(one: _Tried) -> bool:
         before = explanation.best
+        other = anew or _structural(search, one.held[-1])  # on whichever recording its path is met first
         search.keep(
-            explanation, one.held, lambda: fit_everywhere(search, one.held, one.row, surest, base)
+            explanation, one.held, lambda: fit_everywhere(search, one.held, one.row, surest, base, other)
         )  # fmt: skip
         return explained(explanation.best) and explanation.best is not before
 
@@ -224,7 +231,8 @@ def _try_out(
             held, values = beside(base, [hypothesis], hypothesis.start)
             row = values[surest]
             row[0] = row[0] if clearance is None else clearance
-            own += _on_one(search, held, row, surest, limit, f"{base.label} + {hypothesis.label}")
+            label = f"{base.label} + {hypothesis.label}"
+            own += _on_one(search, held, row, surest, limit, label, anew)
             if own and own[-1].misfit < little:
                 break
         if not own:
@@ -250,13 +258,22 @@ class _Tried(NamedTuple):
 
 
 def _on_one(
-    search: Search, held: list[Hypothesis], row: np.ndarray, surest: int, limit: float, label: str
+    search: Search,
+    held: list[Hypothesis],
+    row: np.ndarray,
+    surest: int,
+    limit: float,
+    label: str,
+    anew: bool = False,
 ) -> list[_Tried]:
     """Follow the surest recording with the last hypothesis, from values; nothing where that fails."""
     model, hypothesis = search.setting.model(held), held[-1]
 
     def make() -> Followed | None:
-        return grow(start_with(search, hypothesis, model, row, surest), model, row, limit)
+        if not anew:
+            return grow(start_with(search, hypothesis, model, row, surest), model, row, limit)
+        start = search.sought(surest, model, row)
+        return grow(start, model, np.append(row[:-1], start.trace.speed), limit)
 
     try:
         found = search.finished.followed(f"{label} from {row}, one recording", make)
@@ -275,7 +292,7 @@ def _again(search: Search, one: _Tried, surest: int, limit: float, label: str) -
     """
     hypothesis = one.held[-1]
     damped = np.array([unknown.name == "damping_ratio" for unknown in hypothesis.unknowns])
-    if not (hypothesis.structural(search.setting.with_clearance(SOME_CLEARANCE)) and damped.any()):
+    if not (_structural(search, hypothesis) and damped.any()):
         return one
     for times in _AGAIN:
         if one.misfit < EXPLAINED or search.late():
@@ -285,6 +302,10 @@ def _again(search: Search, one: _Tried, surest: int, limit: float, label: str) -
         again = _on_one(search, one.held, row, surest, limit, f"{label} + {hypothesis.label} again")
         one = min([one, *again], key=lambda one: one.misfit)
     return one
+
+
+def _structural(search: Search, hypothesis: Hypothesis) -> bool:
+    return hypothesis.structural(search.setting.with_clearance(SOME_CLEARANCE))
 
 
 def _of_other_sizes(group: Sequence[Hypothesis]) -> list[Hypothesis]:

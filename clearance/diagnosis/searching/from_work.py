@@ -1,6 +1,7 @@
 """Effects that give the torque which the motion needs: forces with a name, two of them, tables."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,8 +9,8 @@ from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.searching.balance import Suggested, settle_in, suggest_forces
-from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, NEARLY_ALL, SHARED
-from clearance.diagnosis.searching.elsewhere import begin_again
+from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, NEARLY_ALL, SHARED, beside
+from clearance.diagnosis.searching.elsewhere import begin_again, begin_inside
 from clearance.diagnosis.searching.everywhere import between, fit_from
 from clearance.diagnosis.searching.explanation import Explanation, Worked
 from clearance.diagnosis.searching.from_motion import begin_wear
@@ -114,8 +115,9 @@ class _Balancing:
     def _fit(self, one: Balanced) -> bool:
         """Fit one force, a table then with more knots or with jumps; whether it explains nearly all."""
         found, table = _follow_table(self.search, self.explanation, one)
-        if found is None or (one.curve is None and not self._shares(found)):
-            self._ask_motion(one)
+        near = NEARLY_ALL * self.explanation.nominal.misfit
+        if found is None or not (explained(found) or found.misfit < near):
+            self._ask_beside(one)
         if found is None:
             return False
         if table is not None and not explained(found):
@@ -131,14 +133,25 @@ class _Balancing:
     def _shares(self, found: Attempt) -> bool:
         return found.misfit < SHARED * self.explanation.nominal.misfit
 
-    def _ask_motion(self, one: Balanced) -> None:
-        """Fit rails or lobes beside a name that is surely there: they do no work, and no path is near."""
+    def _ask_beside(self, one: Balanced) -> None:
+        """Fit rails, lobes, or what acts inside the joint beside a sure name, from the values of the balance.
+
+        They do no work, so that the balance knows the name as well without them; a path that lacks them leads
+        its values astray.
+        """
         if one is not self._sure or len(one.hypotheses) == self.most or self.search.late():
             return
         self._sure, search, explanation = None, self.search, self.explanation
+        try:
+            one = settle_in(search, search.setting, one)
+        except (InputError, np.linalg.LinAlgError):
+            return
         if begin_guide(search, explanation, None, one.hypotheses, one.values) or search.late():
             return
         begin_wear(search, explanation, explanation.nominal, one.hypotheses, one.values, _WORN)
+        if not (explained(explanation.best) or search.late()):
+            base = _with(explanation.nominal, search.setting, one)
+            begin_inside(search, explanation, base, one.clearance, anew=True)
 
     def _one_of_two(self, one: Balanced) -> bool:
         """Whether beside an effect that is surely there, alone or as one of two, a second one helps."""
@@ -156,6 +169,15 @@ class _Balancing:
         best = self.explanation.best
         named = bool(best.hypotheses) and unnamed(best.hypotheses) is None
         return named and best.misfit < SHARED * self.explanation.nominal.misfit
+
+
+def _with(nominal: Attempt, setting: Setting, one: Balanced) -> Attempt:
+    """The nominal attempt with effects of values that no fit has touched, from which others are begun."""
+    _, values = beside(nominal, one.hypotheses, one.values)
+    return replace(
+        nominal, hypotheses=one.hypotheses, model=setting.model(one.hypotheses),
+        fit=replace(nominal.fit, values=values),
+    )  # fmt: skip
 
 
 def _without(pairs: Sequence[Balanced], tried: Sequence[Balanced]) -> list[Balanced]:

@@ -1,6 +1,6 @@
 """Recordings are followed one after the other: the surest first, the others with what it tells."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -18,7 +18,7 @@ def follow_all(
     starts: Sequence[Start],
     model: Model,
     values: np.ndarray,
-    seek: Callable[[int, np.ndarray], Start | None],
+    seek: Callable[[int, np.ndarray], Iterable[Start]],
     workers: int,
     limit: float = np.inf,
     base: Attempt | None = None,
@@ -30,8 +30,8 @@ def follow_all(
         starts: where the recordings are followed from.
         model: with which.
         values: (recordings, unknowns) to begin with.
-        seek: where a recording that is lost may be followed from, if anywhere, by a machine of values that
-            another one told, (unknowns,).
+        seek: where a recording that is lost may be followed from, the likeliest first, by a machine of values
+            that another one told, (unknowns,).
         workers: threads.
         limit: as of ``Search.grown``, like the following.
         base: an attempt that the first one must be followed clearly better with than it is.
@@ -61,12 +61,23 @@ def follow_all(
         return None if other is None else (other[0], np.append(row[: kept[0]], other[1]), other[2])
 
     def one(r: int) -> Followed | None:
-        other = followed(starts[r], rows[r])
-        if not told or (other is not None and other[2] <= POOR):
-            return other
-        start = seek(r, rows[r])
-        again = None if start is None else followed(start, np.append(rows[r, :-1], start.trace.speed))
-        return min((way for way in (other, again) if way is not None), key=lambda way: way[2], default=None)
+        best = followed(starts[r], rows[r])
+        if not told:
+            return best
+        starting = iter(seek(r, rows[r]))
+        for way in (followed, freely, freely, freely):
+            if best is not None and best[2] <= POOR:
+                break
+            start = next(starting, None)
+            other = None if start is None else way(start, np.append(rows[r, :-1], start.trace.speed))
+            best = min(
+                (one for one in (best, other) if one is not None), key=lambda one: one[2], default=None
+            )
+        return best
+
+    def freely(start: Start, row: np.ndarray) -> Followed | None:
+        """What one recording tells by much noise may be off by as much as loses another one."""
+        return grow(start, model, row, limit)
 
     with ThreadPoolExecutor(workers) as pool:
         for r, other in zip(order, pool.map(one, order), strict=True):

@@ -38,6 +38,7 @@ from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
 PATIENCE = 40  # times that a path is looked for in vain at the beginning
+_ISLANDS = 3  # of a recording from which it is looked for
 _LOOKS = 2  # times that recordings are followed anew with better values
 _LEFT = 0.3  # of what is missing beside a near path: what is right leaves less, but for torn impacts
 _AS_GOOD = 1.05  # times the best misfit: what explains and leaves no more has ended in its minimum
@@ -137,11 +138,16 @@ class Search:
         model = self.setting.model(hypotheses) if model is None else model
         starts = self.starts if starts is None else starts
 
-        def seek(r: int, row: np.ndarray) -> Start | None:
+        def seek(r: int, row: np.ndarray) -> Iterator[Start]:
             try:
-                return None if self.late() else self.sought(r, model, row, PATIENCE)
+                if not self.late():
+                    yield self.sought(r, model, row, PATIENCE)
+                if not self.late():
+                    trace = self.retrace(r, model.machine(row), model.instrument(row))
+                    held = model.held(np.append(row[:-1], trace.speed))
+                    yield from Start.several(trace, held, LOOSENESS, _ISLANDS)
             except (InputError, np.linalg.LinAlgError):  # no motion is near with such values
-                return None
+                return
 
         grown = follow_all(starts, model, values, seek, self.workers, limit, base, insist)
         if grown is None:
