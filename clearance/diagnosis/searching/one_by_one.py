@@ -62,17 +62,14 @@ def follow_all(
 
     def one(r: int) -> Followed | None:
         best = followed(starts[r], rows[r])
-        if not told:
+        if not told or (best is not None and best[2] <= POOR):
             return best
-        starting = iter(seek(r, rows[r]))
-        for way in (followed, freely, freely, freely):
+        for way, start in zip((followed, freely, freely, freely), seek(r, rows[r]), strict=False):
+            other = way(start, np.append(rows[r, :-1], start.trace.speed))
+            ways = [one for one in (best, other) if one is not None]
+            best = min(ways, key=lambda one: one[2], default=None)
             if best is not None and best[2] <= POOR:
                 break
-            start = next(starting, None)
-            other = None if start is None else way(start, np.append(rows[r, :-1], start.trace.speed))
-            best = min(
-                (one for one in (best, other) if one is not None), key=lambda one: one[2], default=None
-            )
         return best
 
     def freely(start: Start, row: np.ndarray) -> Followed | None:

@@ -40,10 +40,11 @@ def table_on_slider(argument):
     )
 
 
-def follow(monkeypatch, suggested, fit, misfit, most, motion=lambda *_: False):
+def follow(monkeypatch, suggested, fit, misfit, most, motion=lambda *_, **__: False):
     """Let a search beside a nominal machine with a misfit follow what the balance of work suggests."""
-    for name in ("begin_guide", "begin_wear"):
-        monkeypatch.setattr(from_work, name, lambda *of, name=name: motion(name, *of))
+    for name in ("begin_guide", "begin_wear", "begin_inside"):
+        monkeypatch.setattr(from_work, name, lambda *of, name=name, **more: motion(name, *of, **more))
+    monkeypatch.setattr(from_work, "_with", lambda nominal, setting, one: one)
     monkeypatch.setattr(from_work, "suggest_forces", lambda *_: suggested)
     monkeypatch.setattr(from_work, "settle_in", lambda search, setting, one: one)
     monkeypatch.setattr(from_work, "fit_from", fit)
@@ -277,19 +278,20 @@ def test_what_the_work_suggests_begins_between_two_clearances_where_it_is_not_fo
 @pytest.mark.parametrize(
     ("cost", "most", "rails", "expected"),
     [
-        (0.7, 2, False, ["begin_guide", "begin_wear"]),
+        (0.7, 2, False, ["begin_guide", "begin_wear", "begin_inside"]),
         (0.7, 2, True, ["begin_guide"]),
         (0.7, 1, False, []),
-        (1.5, 2, False, []),  # it may as well be another force
+        (1.7, 2, False, []),  # it may as well be another force
     ],
 )
 def test_beside_a_force_that_is_surely_there_and_not_followed_the_motion_is_asked_once(
     monkeypatch, cost, most, rails, expected
 ):
-    def motion(name, search, explanation, base, hypotheses, values, *more):
-        hypotheses, values = (base, hypotheses) if name == "wear" else (hypotheses, values)
+    def motion(name, search, explanation, base, hypotheses, *more, anew=False):
         asked.append(name)
-        assert [h.name for h in hypotheses] == ["slider_spring"]
+        held = base.hypotheses if name == "begin_inside" else hypotheses
+        assert [h.name for h in held] == ["slider_spring"]
+        assert anew == (name == "begin_inside")
         return rails
 
     asked = []

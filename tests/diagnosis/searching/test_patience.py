@@ -9,6 +9,31 @@ from clearance.diagnosis.searching import one_by_one
 from clearance.diagnosis.searching.one_by_one import follow_all
 
 
+@pytest.mark.parametrize("right", [0, 1, 2, 3])
+def test_a_lost_recording_is_tried_from_several_islands_with_all_values_free(monkeypatch, right):
+    """What another recording told may be off by as much as loses this one: the first island trusts it."""
+    sure, away = SimpleNamespace(doubt=1.0), SimpleNamespace(doubt=66.0)
+    islands = [SimpleNamespace(number=i, trace=SimpleNamespace(speed=97.0)) for i in range(5)]
+    asked = []
+
+    def grow(start, model, row, limit=np.inf):
+        if start is sure:
+            return "sure", row, 0.98
+        if start is away:
+            return None
+        asked.append((start.number, len(row)))
+        return ("found", row, 1.1) if start.number == right else ("lost", row, 30.0)
+
+    monkeypatch.setattr(one_by_one, "grow", grow)
+    model = SimpleNamespace(shared=1, only=lambda kept, row: None)
+    base = SimpleNamespace(misfits=[12.9, 320.0], misfit=166.0)
+    values = np.array([[6.4e-4, 65.0], [6.6e-4, 96.0]])
+    followers, rows, _ = follow_all([sure, away], model, values, lambda r, row: islands, 1, base=base)
+    assert asked == [(0, 1), (1, 2), (2, 2), (3, 2)][: right + 1]
+    assert followers == ["sure", "found"]
+    assert rows[1, -1] == 97.0
+
+
 @pytest.mark.parametrize(
     ("first", "before", "lost", "expected"),
     [
@@ -29,7 +54,7 @@ def test_a_lost_recording_is_looked_for_with_what_another_tells(monkeypatch, fir
 
     def seek(r, row):
         asked.append((r, row[0]))
-        return SimpleNamespace(doubt=1.1, trace=SimpleNamespace(speed=97.0))
+        return [SimpleNamespace(doubt=1.1, trace=SimpleNamespace(speed=97.0))]
 
     monkeypatch.setattr(one_by_one, "grow", grow)
     model = SimpleNamespace(shared=1, only=lambda kept, row: None)
