@@ -201,3 +201,26 @@ def test_other_clearances_than_the_nominal_one_are_begun_from_at_last(monkeypatc
     elsewhere.begin_displaced_paths(search, explanation)
     assert [name for name, _ in asked] == [name for name, _ in expected]
     assert [at for _, at in asked] == pytest.approx([at for _, at in expected])
+
+
+@pytest.mark.parametrize("anew", [False, True])
+def test_beside_what_the_nominal_machine_lacks_a_path_is_sought_with_it(monkeypatch, anew):
+    own = SimpleNamespace(trace=SimpleNamespace(speed=700.0))
+    sought = SimpleNamespace(trace=SimpleNamespace(speed=683.1))
+    followed = []
+
+    def grow(start, model, row, limit):
+        followed.append((start, row.tolist()))
+        return "follower", row, 0.9
+
+    monkeypatch.setattr(elsewhere, "start_with", lambda *_: own)
+    monkeypatch.setattr(elsewhere, "grow", grow)
+    search = SimpleNamespace(
+        setting=SimpleNamespace(model=lambda held: "model"), sought=lambda r, model, row: sought,
+        finished=SimpleNamespace(followed=lambda label, make: make()), report=lambda _: None,
+    )  # fmt: skip
+    film = SimpleNamespace(label="joint_lubrication")
+    row = np.array([3.4e-4, 880.0, 1.0, 700.0])
+    (tried,) = elsewhere._on_one(search, [film], row, 0, 300.0, "spring + film", anew)
+    assert tried.misfit == 0.9
+    assert followed == [(sought, [3.4e-4, 880.0, 1.0, 683.1]) if anew else (own, row.tolist())]
