@@ -155,9 +155,11 @@ def _shown_by_motion(explanation: Explanation) -> str:
         )
     beside = [] if rails is None else [hypothesis.name for hypothesis in rails.beside]
     where = {FRAME: " on a frame that gives way", CLOCK: " by a clock that is wrong"}
+    forces = any(name not in where for name in beside)
     return (
         "The motion alone shows this: the slider moves as if between rails"
-        f"{''.join(where[name] for name in beside)}. "
+        f"{''.join(where.get(name, '') for name in beside)}. "
+        f"{'What else acts is known from the balance of work between them. ' if forces else ''}"
         "No such machine was kept on the recordings through its strikes: what else may be missing is not "
         "said."
     )

@@ -146,7 +146,7 @@ class _Balancing:
             one = settle_in(search, search.setting, one)
         except (InputError, np.linalg.LinAlgError):
             return
-        if begin_guide(search, explanation, None, one.hypotheses, one.values) or search.late():
+        if begin_guide(search, explanation) or search.late():
             return
         begin_wear(search, explanation, explanation.nominal, one.hypotheses, one.values, _WORN)
         if not (explained(explanation.best) or search.late()):

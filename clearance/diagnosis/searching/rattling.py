@@ -108,6 +108,8 @@ def begin_guide(
         sets = [(tuple(forces), sizes)]
     elif together and not shown.hypotheses:
         sets = _forces_between(search, one)
+        if explanation.rails is not None and len(sets) == 1:  # what is sure stands, though no path is found
+            explanation.rails = explanation.rails.with_forces(*sets[0])
     else:
         sets = [_NOTHING]
     for factor, (also, their) in product(_GAPS, sets):

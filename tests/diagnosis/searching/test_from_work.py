@@ -287,10 +287,10 @@ def test_what_the_work_suggests_begins_between_two_clearances_where_it_is_not_fo
 def test_beside_a_force_that_is_surely_there_and_not_followed_the_motion_is_asked_once(
     monkeypatch, cost, most, rails, expected
 ):
-    def motion(name, search, explanation, base, hypotheses, *more, anew=False):
+    def motion(name, search, explanation, base=None, *more, anew=False):
         asked.append(name)
-        held = base.hypotheses if name == "begin_inside" else hypotheses
-        assert [h.name for h in held] == ["slider_spring"]
+        held = {"begin_guide": [], "begin_wear": more[:1], "begin_inside": [getattr(base, "hypotheses", ())]}
+        assert [h.name for one in held[name] for h in one] == ["slider_spring"] * len(held[name])
         assert anew == (name == "begin_inside")
         return rails
 

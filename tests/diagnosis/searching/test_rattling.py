@@ -7,6 +7,7 @@ import pytest
 
 from clearance.diagnosis.searching import rattling
 from clearance.diagnosis.searching.balance import Suggested
+from clearance.diagnosis.searching.explanation import Rails
 from clearance.diagnosis.searching.geometry import Dimension
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.work import Balanced
@@ -113,7 +114,8 @@ def rails(monkeypatch, suggested):
 
 
 def force(name, cost):
-    return Balanced((SimpleNamespace(name=name),), np.array([5.0]), cost, 1e-4)
+    gain = SimpleNamespace(turns=False)
+    return Balanced((SimpleNamespace(name=name, unknowns=(gain,)),), np.array([5.0]), cost, 1e-4)
 
 
 @pytest.mark.parametrize(
@@ -136,6 +138,20 @@ def test_between_rails_recordings_are_followed_with_the_forces_that_go_with_thes
     assert [one for one, _ in tried[: len(names)]] == names
     assert tried[0][1] == pytest.approx([1e-4, 7e-5, *([5.0] if expected[0] else []), 700.0])
     assert len(tried) == len(names) * len(rattling._GAPS)
+
+
+@pytest.mark.parametrize(("costs", "named"), [([2.0, 3.8, 3.9], True), ([3.3, 3.8, 3.9], False)])
+def test_a_force_beyond_doubt_is_known_though_no_path_is_found(monkeypatch, costs, named):
+    each = zip(["soft_drive", "rod_inertia", "rod_inertia"], costs, strict=True)
+    suggested = Suggested([force(*one) for one in each], balanced=False, lacking=10.0)
+    search, explanation, _ = rails(monkeypatch, suggested)
+    search.recordings[0].channels = ("slider_vertical",)
+    seen = Rails(1e-4, 7e-5, np.array([1e-5, 7e-6]))
+    monkeypatch.setattr(rattling, "measure_rails", lambda *_: seen)
+    begin_guide(search, explanation)
+    assert [one.name for one in explanation.rails.beside] == (["soft_drive"] if named else [])
+    np.testing.assert_allclose(explanation.rails.sizes, [5.0] if named else [])
+    np.testing.assert_allclose(explanation.rails.deviations, [1e-5, 7e-6, *([0.25] if named else [])])
 
 
 def test_forces_that_are_known_are_not_asked_for(monkeypatch):
