@@ -37,7 +37,8 @@ class Rails:
     def with_forces(self, hypotheses: Sequence[Hypothesis], sizes: np.ndarray) -> "Rails":
         """The same with forces that the balance of work leaves no doubt of, and their (unknowns,) sizes.
 
-        On six machines of the plant that balance was off by 1.6 % at most, and a phase by 0.02 rad.
+        Of fifteen that a trial's machines had, it met fourteen within 2.8 % and one within 6.9 %, three
+        phases within 0.02 rad.
         """
         turns = np.array([u.turns for h in hypotheses for u in h.unknowns], dtype=bool)
         doubts = np.where(turns, _PHASE, _WORKED * np.abs(sizes))
