@@ -339,13 +339,18 @@ class Course:
     def _widen_beside(self, base: Attempt, hopeful: Sequence[Hint]) -> None:
         """Try what promises something beside an attempt, and lobes before what promises less than they do.
 
-        Lobes take up much of what promises more.
+        Lobes take up much of what promises more. The motion tells them where the path is far, a look where it
+        is near.
         """
+        search, explanation, near = self.search, self.explanation, base.misfit < NEARLY
         first = list(takewhile(lambda hint: hint.hypotheses[0].name != WORN, hopeful))
-        widen(self.search, self.explanation, base, first)
-        if len(first) < len(hopeful) and not self._settled(base):
-            begin_wear(self.search, self.explanation, base)
-            widen(self.search, self.explanation, base, hopeful[len(first) :])
+        rest = hopeful[len(first) :]
+        widen(search, explanation, base, first)
+        if rest and not (near or self._settled(base)):
+            begin_wear(search, explanation, base)
+        widen(search, explanation, base, rest)
+        if rest and near and not self._settled(base):
+            begin_wear(search, explanation, base)
 
     def _widen(self, hints: Sequence[Hint]) -> None:
         widen(self.search, self.explanation, self.nominal, hints)

@@ -107,11 +107,12 @@ def widen(search: Search, explanation: Explanation, base: Attempt, hints: Sequen
 
 
 def settled(search: Search, explanation: Explanation, base: Attempt) -> bool:
-    """Whether nothing else is tried beside ``base``: nearly all is explained, or it is late."""
+    """Whether nothing else is tried beside ``base``: nearly all that it leaves is explained, or time over."""
     best = explanation.best
     further = len(best.hypotheses) > len(base.hypotheses)
     nearly = best.misfit < min(_FAR_BETTER * explanation.nominal.misfit, NEARLY)
-    return explained(best) or (further and nearly) or search.late()
+    much = best.misfit - 1.0 < _LEFT * (base.misfit - 1.0)
+    return explained(best) or (further and nearly and much) or search.late()
 
 
 def glaring(base: Attempt) -> str | None:

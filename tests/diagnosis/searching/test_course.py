@@ -144,9 +144,16 @@ def test_what_promises_most_beside_a_part_comes_before_a_table_in_its_place(
     assert asked[:3] == expected
 
 
-def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkeypatch):
+@pytest.mark.parametrize(
+    ("left", "expected"),
+    [
+        (9.0, [["slider_offset"], "wear", ["worn_bearing", "guide_friction"]]),
+        (2.0, [["slider_offset"], ["worn_bearing", "guide_friction"], "wear"]),  # a look tells them, if near
+    ],
+)
+def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkeypatch, left, expected):
     asked = []
-    nominal, gravity = attempt([], 40.0), attempt(["gravity"], 2.0)
+    nominal, gravity = attempt([], 40.0), attempt(["gravity"], left)
     hints = [
         SimpleNamespace(hypotheses=(SimpleNamespace(name=name, fault=None),))
         for name in ("slider_offset", "worn_bearing", "guide_friction")
@@ -168,7 +175,7 @@ def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkey
     monkeypatch.setattr(course + "begin_wear", lambda *_: asked.append("wear"))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(asked) > 2)
     search_all(search, Explanation(nominal, [gravity]), 3, lambda _: None)
-    assert asked == [["slider_offset"], "wear", ["worn_bearing", "guide_friction"]]
+    assert asked == expected
 
 
 @pytest.mark.parametrize(
