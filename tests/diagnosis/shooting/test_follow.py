@@ -175,11 +175,11 @@ def test_a_fit_brings_disturbed_nodes_and_values_back(seed):
     one = disturbed(0.03, seed)
     machine = MODEL.machine(TRUTH[0])
     assert one.look(machine).cost > 50.0 * one.segments * SAMPLES * len(SENSORS)
-    costs = []
-    found = fit(
-        [one], MODEL, TRUTH * [1.01, 1.0005], 10, 1e-4, 1, report=lambda _, cost, __: costs.append(cost)
-    )
-    assert all(b <= a * (1.0 + 1e-9) for a, b in pairwise(costs))
+    steps, values = [], TRUTH * [1.01, 1.0005]
+    for _ in range(10):
+        steps.append(found := fit([one], MODEL, values, 1, 1e-4, 1))
+        values = found.values
+    assert all(after.cost <= before.cost * (1.0 + 1e-9) for before, after in pairwise(steps))
     assert found.passes[0].local[INSIDE].mean() / (SAMPLES * len(SENSORS)) == pytest.approx(1.0, abs=0.1)
     deviations = found.deviations()
     assert deviations[0] < 1e-3 * CLEARANCE
