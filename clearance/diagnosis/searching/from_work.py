@@ -43,7 +43,7 @@ def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[
         return []
     explanation.balanced = suggested.balanced
     if suggested.forces:
-        best = min(suggested.forces, key=lambda force: force.price)
+        best = min(suggested.forces, key=lambda force: force.cost)
         first, share = best.hypotheses[0], best.cost / suggested.lacking
         explanation.worked = Worked(first.body, first.direction, share)
     explanation.unpushed = not (suggested.forces or suggested.blind)
