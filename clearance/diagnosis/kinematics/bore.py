@@ -63,8 +63,8 @@ class Bore:
     def rest(self, normal: np.ndarray, felt: Felt, place: np.ndarray | None = None) -> np.ndarray:
         """Where a journal rests whose force has certain directions.
 
-        Where lobes are deep several places of the bore have the same normal: (c + a k^2 > c, about). It is
-        the one near which the journal is, or where the force presses it to as long as nobody knows.
+        Where lobes are deep (a k^2 > c, about) several places of the bore have the same normal. It is the one
+        near which the journal is or, as long as that is not known, to which its force presses it farthest.
 
         Args:
             normal: (samples, 2) directions of the force.

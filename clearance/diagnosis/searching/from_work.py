@@ -146,8 +146,8 @@ class _Balancing:
             one = settle_in(search, search.setting, one)
         except (InputError, np.linalg.LinAlgError):
             return
-        if begin_guide(search, explanation) or search.late():
-            return
+        if explanation.rails is not None or begin_guide(search, explanation) or search.late():
+            return  # without the play that the motion shows nothing is followed
         begin_wear(search, explanation, explanation.nominal, one.hypotheses, one.values, _WORN)
         if not (explained(explanation.best) or search.late()):
             base = _with(explanation.nominal, search.setting, one)
