@@ -67,16 +67,10 @@ def sentences(
                 f"Without a name, {_acting(str(body), direction)} comes nearer to one recording; no table of "
                 "it was found that explains all."
             )
-        elif not cushioned(explanation) and drives(explanation) and explanation.worked is not None:
-            worked = explanation.worked
-            lines.append(
-                f"By the balance of work {_acting(worked.body, worked.direction)} gives the torque that the "
-                f"model lacks, all but {worked.share:.0%}; no machine was kept on the recordings with it."
-            )
     if curve is not None:
         lines.insert(0, _free_force(explanation, curve))
     if verdict == "unknown":
-        lines += _gap(explanation)
+        lines += [*_worked(explanation), *_gap(explanation)]
     others = rivals(verdict, explanation)[1:]
     if others:
         names = " or ".join(" with ".join(h.name for h in a.hypotheses) for a in others)
@@ -110,7 +104,8 @@ def _free_force(explanation: Explanation, curve: Hypothesis) -> str:
     nominal = explanation.nominal
     law = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force
     argument = argument_of(law) if isinstance(law, TabulatedForce) else ""
-    share = "" if explained(explanation.best) else "most of "
+    share = "a part of " if drives(explanation) else "most of "
+    share = "" if explained(explanation.best) else share
     what = (
         f"{_acting(curve.body, curve.direction)} that depends on {argument.replace('_', ' ')}{_rhythm(law)}"
     )
@@ -242,6 +237,17 @@ def _rhythm(law: object) -> str:
     """After what a force repeats by a clock of its own, in plain words."""
     period = getattr(law, "period", None)
     return f" and repeats every {period * 1e3:.4g} ms" if period is not None else ""
+
+
+def _worked(explanation: Explanation) -> list[str]:
+    """Of the force that the balance of work points at, where it says more of the place than what is nearest."""
+    worked = explanation.worked
+    if worked is None or nearer(explanation) or cushioned(explanation) or not drives(explanation):
+        return []
+    return [
+        f"By the balance of work {_acting(worked.body, worked.direction)} gives the torque that the model "
+        f"lacks, all but {worked.share:.0%}; no machine was kept on the recordings with it."
+    ]
 
 
 def _gap(explanation: Explanation) -> list[str]:
