@@ -240,7 +240,7 @@ def _rhythm(law: object) -> str:
 
 
 def _worked(explanation: Explanation) -> list[str]:
-    """Of the force that the balance of work points at, where it says more of the place than what is nearest."""
+    """Of the force that the balance of work points at, where that says more than what comes nearest."""
     worked = explanation.worked
     if worked is None or nearer(explanation) or cushioned(explanation) or not drives(explanation):
         return []
