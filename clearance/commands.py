@@ -21,7 +21,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from clearance.configuration import CONFIGURATION, set_defaults_of_plugins, with_mechanism_file
+from clearance.configuration import CONFIGURATION, set_defaults_of_plugins, set_key, with_mechanism_file
 from clearance.errors import InputError
 from clearance.help import help_text
 from clearance.refusals import one_line, reworded, set_at
@@ -32,11 +32,6 @@ _PATH_WITH_KEYS = re.compile(r"""([\w.]+)=([^'"\[{$(][^'"]*=[^'"]*)""")
 _PATH_WITH_QUOTES = re.compile(r"""([\w.]+)=([^'"\[{$(]*/[^"$(]*'[^"$(]*)""")
 _LIST_OF_OPTIONS = re.compile(r"(\w+)=\[(.*,.*)\]")
 _ADDED = re.compile(r"\+(\w+)=.*")
-
-
-def set_key(override: str) -> str:
-    """What an override of the command line sets."""
-    return override.split("=")[0].lstrip("+~")
 
 
 def refuse(unused: Mapping[str, str]) -> None:

@@ -44,6 +44,11 @@ def with_mechanism_file(argument: str) -> str:
     return "mechanism=" + ",".join(_add_mechanism(Path(part)) for part in (parts if several else [named[2]]))
 
 
+def set_key(override: str) -> str:
+    """What an override of the command line sets."""
+    return override.split("=")[0].lstrip("+~")
+
+
 def with_mechanism_path(override: str) -> str:
     """The inverse of ``with_mechanism_file``, for a command that is shown: the file in its option's place."""
     group, _, option = override.partition("=")

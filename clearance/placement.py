@@ -13,8 +13,8 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
 
-from clearance.commands import command, refuse, set_key, threads
-from clearance.configuration import with_mechanism_path
+from clearance.commands import command, refuse, threads
+from clearance.configuration import set_key, with_mechanism_path
 from clearance.diagnosis.hypotheses.hypothesis import JOINTS, Setting
 from clearance.diagnosis.judging.placement import Conditions, expected_errors, subsets
 from clearance.errors import InputError

@@ -14,6 +14,7 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
 from clearance.commands import command
+from clearance.configuration import set_key
 from clearance.errors import InputError
 from clearance.evaluation.evaluate import evaluate
 from clearance.models.estimator import Estimator
@@ -35,7 +36,7 @@ def main(cfg: DictConfig) -> float | None:
     # Everything is checked before anything is written or computed.
     if not isinstance(cfg.resume, bool):
         raise InputError(f"resume = {cfg.resume!r} is neither true nor false; change resume")
-    asked = {one.split("=")[0].lstrip("+") for one in HydraConfig.get().overrides.task}
+    asked = {set_key(one) for one in HydraConfig.get().overrides.task}
     if "runs" in asked and "simulation" not in cfg.data.source:
         raise InputError(
             f"runs={cfg.runs}: a number of simulated runs, of which these data have none; leave it out, or "

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from clearance.configuration import set_key
 from clearance.errors import InputError
 from clearance.evaluation.fresh import read_fresh
 from clearance.models.run_folder import CONFIG, HARDWARE, METRICS, hardware
@@ -68,9 +69,7 @@ def _row(run: Path) -> dict[str, Any]:
         "name": config.get("name", run.name),
         # A training from before its configuration told has a folder named by it.
         "experiment": config.get("experiment", run.parent.name),
-        "overrides": [
-            one for one in config.get("overrides", ()) if one.split("=")[0].lstrip("+~") not in _TOLD
-        ],
+        "overrides": [one for one in config.get("overrides", ()) if set_key(one) not in _TOLD],
         "recordings": metrics["data"]["recordings"],
         "epochs": config["model"].get("training", {}).get("epochs"),  # a forest has none
         "window": config["windows"]["length"],

@@ -33,13 +33,12 @@ from clearance.diagnosis.searching.from_work import begin_balanced, begin_beside
 from clearance.diagnosis.searching.geometry import (
     CLOCK,
     GEOMETRIC,
-    LOOSE_GUIDE,
     Dimension,
     Shown,
     suggest_channels,
     suggest_dimensions,
 )
-from clearance.diagnosis.searching.parts import PART, in_part, named, set_aside, unfinished
+from clearance.diagnosis.searching.parts import PART, enough, in_part, named, set_aside, unfinished
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.searching.search import Search
@@ -97,7 +96,7 @@ class Course:
 
     def over(self) -> bool:
         """Whether the recordings are explained well enough, or time is over."""
-        return _enough(self.explanation) or self.search.late()
+        return enough(self.explanation) or self.search.late()
 
     def frame(self) -> None:
         """A frame that gives way."""
@@ -384,28 +383,5 @@ STEPS: tuple[Callable[[Course], None], ...] = (
 """What is likely and cheap first, what is rare and dear last; what explains a part is built on at once."""
 
 
-def _enough(explanation: Explanation) -> bool:
-    """Whether the recordings are explained, or a table leaves so little that its shape alone is missing.
-
-    It is not that where a finer table leaves no less. Without the play that its motion shows no machine is
-    followed.
-    """
-    best = explanation.best
-    table = unnamed(best.hypotheses) is not None and not _refined(explanation, best)
-    if explanation.rails is not None and not any(_loose(a) for a in explanation.attempts):
-        return True
-    return explained(best) or (table and best.misfit < min(PART * explanation.nominal.misfit, NEARLY))
-
-
-def _refined(explanation: Explanation, best: Attempt) -> bool:
-    """Whether a table with more knots was fitted in the place of the best one."""
-    label, knots = best.label, best.model.shared
-    return any(a.label == label and a.model.shared > knots for a in explanation.attempts)
-
-
 def _sound(attempt: Attempt) -> bool:
     return all(hypothesis.fault is None for hypothesis in attempt.hypotheses)
-
-
-def _loose(attempt: Attempt) -> bool:
-    return any(hypothesis.name == LOOSE_GUIDE for hypothesis in attempt.hypotheses)

@@ -1,12 +1,13 @@
-"""Which attempt is built on: named effects that explain a part of what is missing."""
+"""Which attempt is built on: named effects that explain a part of what is missing; and when one is enough."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import unnamed
+from clearance.diagnosis.searching.beside import NEARLY
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.geometry import GEOMETRIC
+from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE
 
 PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
 _SEEN = 0.5  # likewise of a dimension, which the motion vouches for whatever the forces
@@ -58,3 +59,26 @@ def in_part(explanation: Explanation, attempt: Attempt, base: Attempt, part: flo
         and not explained(attempt)
         and beyond_noise(attempt) < (max(_SEEN, part) if geometric else part) * beyond_noise(base)
     )
+
+
+def enough(explanation: Explanation) -> bool:
+    """Whether the recordings are explained, or a table leaves so little that its shape alone is missing.
+
+    It is not that where a finer table leaves no less. Without the play that its motion shows no machine is
+    followed.
+    """
+    best = explanation.best
+    table = unnamed(best.hypotheses) is not None and not _refined(explanation, best)
+    if explanation.rails is not None and not any(_loose(a) for a in explanation.attempts):
+        return True
+    return explained(best) or (table and best.misfit < min(PART * explanation.nominal.misfit, NEARLY))
+
+
+def _refined(explanation: Explanation, best: Attempt) -> bool:
+    """Whether a table with more knots was fitted in the place of the best one."""
+    label, knots = best.label, best.model.shared
+    return any(a.label == label and a.model.shared > knots for a in explanation.attempts)
+
+
+def _loose(attempt: Attempt) -> bool:
+    return any(hypothesis.name == LOOSE_GUIDE for hypothesis in attempt.hypotheses)

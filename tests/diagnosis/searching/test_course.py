@@ -8,10 +8,10 @@ import pytest
 from clearance.diagnosis.hypotheses.free_form import FREE_FORM
 from clearance.diagnosis.searching import scrutiny
 from clearance.diagnosis.searching.beside import SHARED
-from clearance.diagnosis.searching.course import _enough, search_all
+from clearance.diagnosis.searching.course import search_all
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import reshape_anew
-from clearance.diagnosis.searching.parts import PART, in_part, named, set_aside, unfinished
+from clearance.diagnosis.searching.parts import PART, enough, in_part, named, set_aside, unfinished
 from clearance.diagnosis.searching.scrutiny import _compare_kinds
 from clearance.diagnosis.searching.significance import unsettled
 from clearance.diagnosis.searching.widen import Prospects
@@ -55,7 +55,7 @@ def test_a_table_ends_the_search_where_only_its_shape_can_be_missing(nominal, mi
     tables = [attempt(["free_form"], one) for one in (misfit, finer) if one is not None]
     for knots, table in zip((6, 12), tables, strict=False):
         table.label, table.model.shared = "free_form(crank torque)", 1 + knots
-    assert _enough(Explanation(attempt([], nominal), tables)) == expected
+    assert enough(Explanation(attempt([], nominal), tables)) == expected
 
 
 @pytest.mark.parametrize(
