@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.hypotheses.effect_files import load_effects
+from clearance.diagnosis.hypotheses.free_form import FREE_FORM
+from clearance.diagnosis.judging import words
 from clearance.diagnosis.judging.verdict import Estimate
 from clearance.diagnosis.judging.words import sentences
-from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.explanation import Explanation, Worked
 from tests.diagnosis.judging.test_verdict import attempt, known
 
 
@@ -48,3 +50,17 @@ def test_what_is_small_and_has_no_name_is_not_called_a_model_that_fails(
 def test_a_number_has_its_unit_once(effect, parameter, value, expected):
     (one,) = load_effects([effect], [])
     assert one.parameter(parameter).text(*value) == expected
+
+
+@pytest.mark.parametrize(("misfit", "told"), [(25.0, True), (1.0, False)])
+def test_beside_a_table_that_explains_little_the_balance_says_where_it_acts(monkeypatch, misfit, told):
+    table, nominal = attempt([FREE_FORM], misfit), attempt([], 60.0)
+    for one in (nominal, table):
+        one.fit.values = np.array([[3e-4, 700.0]])
+    monkeypatch.setattr(words, "_free_force", lambda *_: "A table.")
+    known(monkeypatch, lambda a: [Estimate(3e-4, 3e-4, 3e-4)] * 2)
+    explanation = Explanation(nominal, [table], worked=Worked("slider", "x", 0.29))
+    held = {"held_out": {"before": 2.0, "after": 1.9}}
+    said = sentences("unknown", explanation, "C", held, ["rod_b_axial"])
+    assert said[0] == "A table."
+    assert ("all but 29%" in " ".join(said)) == told
