@@ -209,11 +209,13 @@ def _beside(page: Path, results: Path) -> str:
     found = {
         os.path.relpath(p, page.parent): read_json(p, "results") for p in results.parent.glob(_PUBLISHED)
     }
-    undated = [name for name, one in found.items() if "date" not in one]
-    if undated:
-        raise InputError(
-            f"history: {undated[0]} has no date, which an older version left out; add it, or move it"
-        )
+    for name, one in found.items():
+        lacking = [key for key in ("date", "seed") if key not in one]
+        if lacking:
+            raise InputError(
+                f"history: {name} has no {lacking[0]}, as results of older versions or of several trials; "
+                "move it"
+            )
     return history(found)
 
 

@@ -178,17 +178,47 @@ def _unlike_a_diagnosis(content: Any) -> str | None:
     if not isinstance(content, dict) or "verdict" not in content:
         return "has no verdict"
     effects, fit, clearance = (content.get(key) for key in ("effects", "fit", "clearance"))
-    if not isinstance(fit, dict) or not isinstance(fit.get("held_out"), dict):
-        return "has no fit.held_out"
-    if not isinstance(clearance, dict) or not isinstance(clearance.get("after_m", ""), int | float | None):
+    held = fit.get("held_out") if isinstance(fit, dict) else None
+    if not isinstance(held, dict) or not _numbers_or_null(held, "before", "after", "floor"):
+        return "has no fit.held_out whose before, after and floor are numbers or null"
+    if held.get("after") is not None and not (held.get("floor") or 0.0) > 0.0:
+        return "has no fit.held_out.floor above 0 beside fit.held_out.after"
+    if not isinstance(clearance, dict) or "after_m" not in clearance:
         return "has no clearance.after_m, a number or null"
+    if not _numbers_or_null(clearance, "before_m", "after_m", "low_m", "high_m"):
+        return "has a clearance of which before_m, after_m, low_m and high_m are not all numbers or null"
     if not isinstance(effects, list) or not all(map(_is_effect, effects)):
-        return "has no list of effects with name, kind and the value of each of their parameters"
-    return None
+        return "has no list of effects with name, kind and value, low and high of each of their parameters"
+    others = content.get("equivalent") or []
+    if not (isinstance(others, list) and all(_is_list_of(str, names) for names in others)):
+        return "has an equivalent that is no list of lists of names"
+    if not isinstance(content.get("mismatch") or {}, dict):
+        return "has a mismatch that is no mapping"
+    return None if _is_curve(content.get("free_form")) else "has a free_form without argument and table"
 
 
 def _is_effect(one: Any) -> bool:
     if not isinstance(one, dict) or not {"name", "kind", "parameters"} <= set(one):
         return False
     given = one["parameters"].values() if isinstance(one["parameters"], dict) else [None]
-    return all(isinstance(p, dict) and isinstance(p.get("value"), int | float) for p in given)
+    return all(
+        isinstance(p, dict) and isinstance(p.get("value"), int | float) and _numbers_or_null(p, "low", "high")
+        for p in given
+    )
+
+
+def _is_curve(one: Any) -> bool:
+    if one is None:
+        return True
+    if not isinstance(one, dict) or not isinstance(one.get("argument"), str):
+        return False
+    table = one.get("table")
+    return isinstance(table, list) and all(_is_list_of(int | float, row) for row in table)
+
+
+def _is_list_of(kind: Any, values: Any) -> bool:
+    return isinstance(values, list) and all(isinstance(value, kind) for value in values)
+
+
+def _numbers_or_null(given: dict[str, Any], *keys: str) -> bool:
+    return all(isinstance(given.get(key), int | float | None) for key in keys)

@@ -78,7 +78,7 @@ def estimates(rows: Sequence[Row]) -> Figure:
     """Errors of parameters and clearances, with 95 % intervals; held-out errors."""
     said = [row for row in rows if row["verdict"] is not None]
     figure = new_figure(12, 4)
-    asserted = [p for row in said for p in row["parameters"] if p["true"] != 0.0]
+    asserted = [p for row in said for p in row["parameters"] if p["true"]]
     _errors(figure.add_subplot(1, 3, 1), asserted, [p["true"] for p in asserted], "asserted parameters")
     known = [row for row in said if row["right"] and (row["clearance"] or {}).get("low") is not None]
     _errors(

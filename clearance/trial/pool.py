@@ -34,7 +34,7 @@ def pool(results: Sequence[Path]) -> tuple[dict[str, Any], list[dict[str, Any]]]
                 f"{path}: has no {lacking[0]}, as results of older versions; reveal that trial again, or "
                 "leave it out of pooled"
             )
-        if [other["commitment"] for other in found].count(one["commitment"]) > 1:
+        if [other["seed"] for other in found].count(one["seed"]) > 1:  # concealed again it has another seal
             raise InputError(f"{path}: the trial of seed {one['seed']} comes twice; change pooled")
         if _drawing(one) != _drawing(found[0]):
             raise InputError(

@@ -28,16 +28,18 @@ def score_case(one: Revealed) -> dict[str, Any]:
     if said is None:
         alike = NO_CURVE if asked else None
         return row | {"verdict": None, "right": False, "why": one.failure} | _likeness(alike)
-    names = [effect["name"] for effect in said["effects"]]
+    names, rightly = [effect["name"] for effect in said["effects"]], _rightly(case, said)
+    named = _named(case, said)
     row |= {
         "verdict": said["verdict"],
         "named": names,
+        "rightly": rightly,
         "detected": said["verdict"] != "none" and (said.get("mismatch") or {}).get("detected") is not False,
         "score": (said.get("mismatch") or {}).get("score"),
-        "named_or_equivalent": _named(case, said),
-        "first_and_alone": _named(case, said) and set(names) == set(case.missing) and not _rivals(case, said),
+        "named_or_equivalent": named,
+        "first_and_alone": named and set(names) == set(case.missing) and not _alternatives(said),
         "channel_right": _channel_right(case, said),
-        "spurious": any(name not in case.missing for name in names),
+        "spurious": len(rightly) < len(names),
         **_places_right(case, said),
         "parameters": parameters(case, said["effects"]),
         "clearance": _clearance(case, said["clearance"]),
@@ -57,29 +59,41 @@ def item_of(case: Case) -> str:
 
 
 def _alternatives(said: Mapping[str, Any]) -> list[set[str]]:
-    return [set(names) for names in said.get("equivalent") or []]
+    """Names of the explanations that cannot be told from the one that is asserted, which comes first."""
+    return [set(names) for names in (said.get("equivalent") or [])[1:]]
+
+
+def _rightly(case: Case, said: Mapping[str, Any]) -> list[str]:
+    """What is missing and was asserted; a fault in another channel is another one."""
+    return [effect["name"] for effect in said["effects"] if _is_missing(case, effect)]
+
+
+def _is_missing(case: Case, effect: Mapping[str, Any]) -> bool:
+    name = effect["name"]
+    elsewhere = "channel" in case.faults.get(name, {}) and not _in_channel(case, effect)
+    return name in case.missing and not elsewhere
+
+
+def _in_channel(case: Case, effect: Mapping[str, Any]) -> bool:
+    return bool(effect.get("channel") == case.faults[effect["name"]]["channel"])
 
 
 def _named(case: Case, said: Mapping[str, Any]) -> bool:
-    """Everything missing is asserted, or is one of the explanations that cannot be told apart.
+    """Everything missing is asserted, or is one of the explanations that cannot be told from what is.
 
-    A fault in the wrong channel is another one; equivalents say no channel.
+    Those say no channel, so that one of the same names as what is asserted makes nothing right.
     """
     truth = set(case.missing)
     if not truth or case.kind in UNNAMED:
         return False
-    asserted = truth <= {effect["name"] for effect in said["effects"]}
-    return (asserted and _channel_right(case, said) is not False) or truth in _alternatives(said)
-
-
-def _rivals(case: Case, said: Mapping[str, Any]) -> bool:
-    return any(names != set(case.missing) for names in _alternatives(said))
+    asserted = {effect["name"] for effect in said["effects"]}
+    return truth <= set(_rightly(case, said)) or (truth != asserted and truth in _alternatives(said))
 
 
 def _channel_right(case: Case, said: Mapping[str, Any]) -> bool | None:
     """Whether faults that were named rightly were seen in the right channel; ``None`` where none was."""
     found = [
-        effect.get("channel") == case.faults[effect["name"]]["channel"]
+        _in_channel(case, effect)
         for effect in said["effects"]
         if "channel" in case.faults.get(effect["name"], {})
     ]
@@ -130,33 +144,42 @@ def _at_place(case: Case, body: str, direction: str | None = None) -> bool:
 
 
 def parameters(case: Case, effects: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The parameters of effects that are rightly named, beside the truth; one it lacks is off there."""
+    """The parameters of effects that are rightly named, beside the truth; one it lacks is off there.
+
+    Where the form that was named has no such value in the true one (a motor for a drive's gains), ``true`` is
+    ``None``, and the parameter is missed.
+    """
     rows = []
     for effect in effects:
+        if not _is_missing(case, effect):
+            continue
         name = effect["name"]
         truth = {**case.effects.get(name, {}), **case.faults.get(name, {})}
-        if not truth:
-            continue
         for key, given in effect["parameters"].items():
-            true = truth.get(key, _off(name, key))
-            if not isinstance(true, int | float) or given.get("low") is None or given.get("high") is None:
+            true: Any = truth.get(key, _off(name, key))
+            other_form = true is None and name == "soft_drive"
+            known = other_form or isinstance(true, int | float)
+            if not known or given.get("low") is None or given.get("high") is None:
                 continue
             if given["low"] == given["high"] == true:  # a whole number, told and not estimated; else a miss
                 continue
             unit = np.pi / 180.0 if given.get("unit") == "deg" else 1.0
             value, low, high = (float(given[k]) * unit for k in ("value", "low", "high"))
+            row = {"effect": name, "parameter": key, "true": None, "value": value, "low": low, "high": high}
+            if other_form:
+                rows.append(row | {"covered": False, "error": None})
+                continue
             if key in _TURNING:
                 true += 2.0 * np.pi * round((value - true) / (2.0 * np.pi))
-            rows.append({
-                "effect": name, "parameter": key, "true": float(true), "value": value, "low": low,
-                "high": high, "covered": bool(low <= true <= high),
+            rows.append(row | {
+                "true": float(true), "covered": bool(low <= true <= high),
                 "error": float(abs(value - true) / abs(true)) if true != 0.0 else None,
             })  # fmt: skip
     return rows
 
 
 def _off(name: str, key: str) -> float | None:
-    """What a parameter is where the effect has another form; ``None`` where forms cannot be compared."""
+    """What a parameter is where the effect has another form; ``None`` where it has no such value."""
     if name not in EFFECTS or name == "soft_drive":
         return None
     for variant in EFFECTS[name]:

@@ -65,6 +65,9 @@ def test_what_cannot_be_added_up_is_refused(published):
     with pytest.raises(InputError, match="the trial of seed 11 comes twice"):
         pool([first, second, first])
     content = json.loads(second.read_text())
+    write_json(second, content | {"seed": 11})  # the same cases under another seal
+    with pytest.raises(InputError, match="the trial of seed 11 comes twice"):
+        pool(published)
     write_json(second, content | {"scope": content["scope"] | {"encoder": 0.1}})
     with pytest.raises(InputError, match="drawn in another way"):
         pool(published)

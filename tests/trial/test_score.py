@@ -161,6 +161,22 @@ def test_a_fault_has_a_channel_and_may_be_given_in_degrees(secrets):
     wrong = scored(FAULT, verdict("instrument", [{**effect, "channel": "rod_b_axial"}]), secrets)
     assert wrong["why"] == "the right fault in the wrong channel"
     assert (wrong["named_or_equivalent"], wrong["first_and_alone"]) == (False, False)
+    assert (wrong["spurious"], wrong["parameters"]) == (True, [])  # it says something else that is not there
+
+
+@pytest.mark.parametrize(("channel", "named"), [("rod_c_axial", True), ("rod_b_axial", False)])
+def test_a_fault_in_one_of_two_channels_is_not_named_alone(secrets, channel, named):
+    effect = {"name": "sensor_misalignment", "kind": "instrument", "channel": channel, "parameters": {}}
+    said = verdict("instrument", [effect], equivalent=[["sensor_misalignment"], ["sensor_misalignment"]])
+    row = scored(FAULT, said, secrets)
+    assert (row["named_or_equivalent"], row["first_and_alone"]) == (named, False)
+
+
+def test_a_drive_named_in_another_form_misses_its_parameters():
+    soft = replace(FRICTION, effects={"soft_drive": {"proportional": 1.0, "integral": 40.0}})
+    given = {"value": 8.0, "unit": "N m", "low": 7.0, "high": 9.0}
+    rows = parameters(soft, [{"name": "soft_drive", "parameters": {"stall_torque": given}}])
+    assert [(row["true"], row["covered"], row["error"]) for row in rows] == [(None, False, None)]
 
 
 def test_what_is_asserted_beside_the_truth_is_counted(secrets):
@@ -179,6 +195,10 @@ def test_what_is_below_the_threshold_is_counted_apart(secrets):
     assert summary["named_or_equivalent"] == rate([True])
     assert summary["named_of_all"] == rate([True, False])
     assert summary["below_threshold"] == 1
+    pairs = summarise([{**missed, "kind": "pair", "visible": False}, {**seen, "kind": "pair"}])
+    assert (pairs["pairs_named_or_equivalent"], pairs["pairs_named_of_all"]) == (
+        rate([True]), rate([False, True])
+    )  # fmt: skip
 
 
 def test_of_several_things_each_counts_and_all_of_them(secrets):

@@ -278,6 +278,9 @@ def test_what_failed_is_not_tried_again_after_the_reveal(trial):
         ({"effects": [{"name": "gravity", "kind": "physics", "parameters": {"gravity_y": 1.0}}]}, "value"),
         ({"clearance": {}}, "has no clearance.after_m"),
         ({"fit": {}}, "has no fit.held_out"),
+        ({"fit": {"held_out": {"after": 1.0}}}, "has no fit.held_out.floor above 0"),
+        ({"equivalent": 5}, "has an equivalent that is no list"),
+        ({"free_form": {"argument": "time"}}, "has a free_form without"),
         ({"seconds": float("nan")}, "NaN is no number"),
     ],
 )

@@ -544,7 +544,7 @@ def evaluate(
     frame_fy -= p[P.FRAME_STIFFNESS] * s[Q.FRAME_Y] + p[P.FRAME_DAMPING] * s[v + Q.FRAME_Y]
 
     # loose guide: the shoe's two ends
-    reaction = 0.0
+    reaction, rubbed = 0.0, 0.0
     held = p[P.LOOSE_GUIDE] == 0.0
     if not held:
         height = s[Q.SLIDER_Y] - s[Q.FRAME_Y] - p[P.OFFSET]
@@ -553,7 +553,7 @@ def evaluate(
         front = _shoe_force(p, height + rise, lift + reach * slider_omega)
         back = _shoe_force(p, height - rise, lift - reach * slider_omega)
         regime += 2.0 * (front != 0.0) + 4.0 * (back != 0.0)
-        reaction = front + back
+        reaction, rubbed = front + back, abs(front) + abs(back)
         slider_fy += reaction
         frame_fy -= reaction
         slider_m += reach * (front - back)
@@ -581,7 +581,7 @@ def evaluate(
         dry = p[P.GUIDE_COULOMB] + p[P.GUIDE_STRIBECK] * exp(-ratio * ratio)
         slide = _soft_sign(vx, p[P.GUIDE_SMOOTHING])
         if not held:
-            dry += p[P.GUIDE_MU] * abs(reaction)
+            dry += p[P.GUIDE_MU] * rubbed
         friction = -dry * slide - p[P.GUIDE_VISCOUS] * vx
         slider_fx += friction
         frame_fx -= friction
