@@ -31,7 +31,7 @@ class ContactLaw:
     Valid for penetrations far below the clearance and impacts far below the material's wave speed.
 
     Attributes:
-        restitution: e of the law's formula [-]; the rebound differs from it (``rebound``).
+        restitution: e of the law's formula [-]; the rebound differs from it.
         youngs_modulus: E of journal and bearing alike [Pa].
         poissons_ratio: nu [-].
         stiffness_scale: factor of K [-].

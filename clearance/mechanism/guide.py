@@ -31,7 +31,7 @@ def until_shoe_strikes(p: Any, height: Any, rate: Any, acceleration: Any, most: 
 
 @kernel
 def guide_friction(p: Any, velocity: Any, reaction: Any) -> Any:
-    """Friction of the guide on the slider [N] from its velocity [m/s] and the guide's reaction [N]."""
+    """Friction of the guide on the slider [N] from its velocity [m/s] and what presses it there [N]."""
     ratio = velocity * get(p, Parameter.GUIDE_INVERSE_STRIBECK_SPEED)
     dry = (
         get(p, Parameter.GUIDE_COULOMB)
@@ -108,7 +108,7 @@ class StribeckGuide(Law):
         viscous_damping: d [N s/m].
         stribeck_force: F_s, what rest adds to sliding [N].
         stribeck_velocity: v_s [m/s].
-        friction_coefficient: mu on the guide's reaction [-].
+        friction_coefficient: mu on the guide's reaction, of a tilted shoe's two ends each [-].
         smoothing_speed: [m/s].
     """
 

@@ -90,7 +90,7 @@ class Parameter(IntEnum):
     FORCE_FRAME_X = auto()  # N
     FORCE_FRAME_Y = auto()
     FORCE_B_NORMAL = auto()  # N, on the journal along its eccentricity, outwards
-    FORCE_B_TANGENTIAL = auto()  # N, on the journal a quarter turn further
+    FORCE_B_TANGENTIAL = auto()  # N, on the journal against its sliding
     FORCE_B_DAMPING = auto()  # N s/m, against the journal's velocity in the bearing
     FORCE_C_NORMAL = auto()
     FORCE_C_TANGENTIAL = auto()

@@ -197,8 +197,7 @@ def hand_over(
     if np.isfinite(signals[-1]).all() and np.isfinite(signals.sum()):
         sink(run, signals)
         return
-    period = 1.0 / sampling.base_rate
-    sink(run, explain_failure(machine, saved, integrator, period / integrator.substeps(period)))
+    sink(run, explain_failure(machine, saved, integrator.within(1.0 / sampling.base_rate)))
 
 
 def _run_group(

@@ -13,7 +13,7 @@ chooses the laws (``Family``) and is the same for all lanes; ``p`` is the parame
 from typing import Any
 
 from clearance.compilation import kernel, subroutine
-from clearance.lanes import get, maximum, put, sine_cosine, square_root, where, zero
+from clearance.lanes import absolute, get, maximum, put, sine_cosine, square_root, where, zero
 from clearance.mechanism.applied_force import TRACTION_SPEED, applied, choose_argument, closeness, look_up
 from clearance.mechanism.bearing import worn_surface
 from clearance.mechanism.choice import chosen
@@ -336,6 +336,7 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
         slider_fx = slider_fx + applied(p, Parameter.FORCE_SLIDER_X, table)
         slider_fy = slider_fy + applied(p, Parameter.FORCE_SLIDER_Y, table)
     reaction = -slider_fy
+    rubbed = nothing
     if not held:
         half = get(p, Parameter.SHOE_HALF_LENGTH)
         tilt_sine, tilt_cosine = sine_cosine(get(s, State.SLIDER_ANGLE))
@@ -344,6 +345,7 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
         front = shoe_force(p, height + half * tilt_sine, lift + half * tilt_cosine * spin)
         back = shoe_force(p, height - half * tilt_sine, lift - half * tilt_cosine * spin)
         reaction = front + back
+        rubbed = absolute(front) + absolute(back)  # a tilted shoe is pressed against both rails
         slider_fy = slider_fy + reaction
         frame_fy = frame_fy - reaction
         slider_moment = slider_moment + half * tilt_cosine * (front - back)
@@ -428,7 +430,7 @@ def evaluate(codes: Any, p: Any, s: Any, r: Any) -> None:
     reaction_bx, reaction_by, reaction_cx, reaction_cy = force_bx, force_by, force_cx, force_cy
     for _ in range(passes):
         if chosen(codes, Family.GUIDE_FRICTION) == 1:
-            friction = guide_friction(p, slider_vx - frame_vx, reaction)
+            friction = guide_friction(p, slider_vx - frame_vx, reaction if held else rubbed)
         fx, fy = frame_fx - friction, frame_fy
         if held:
             fy = fy + slider_fy

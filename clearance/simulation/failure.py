@@ -36,19 +36,20 @@ class Failure:
         )
 
 
-def explain_failure(machine: SliderCrank, state: np.ndarray, integrator: Integrator, step: float) -> Failure:
+def explain_failure(machine: SliderCrank, state: np.ndarray, integrator: Integrator) -> Failure:
     """Repeat a failed run from its last finite state and name what failed first.
 
     Args:
         machine: what ran.
         state: (STATES,) finite.
-        integrator: scheme and steps.
-        step: the step in use [s].
+        integrator: scheme and the steps in use.
     """
-    scheme = Integrator(integrator.scheme, step, integrator.contact_refinement)
     with np.errstate(all="ignore"):
-        again = simulate_trajectory(machine, scheme, _SEARCHED * step, state=state)
+        again = simulate_trajectory(machine, integrator, _SEARCHED * integrator.step, state=state)
     states, results = again.states, again.results
+    if again.finite:
+        begun = {row.name.lower(): float(state[row]) for row in State}
+        return Failure(float(state[State.TIME]), "a law that a second run from there does not show", begun)
     last = int(np.flatnonzero(np.isfinite(states[:, : State.TIME]).all(axis=1))[-1])
     named = {row.name.lower(): float(states[last, row]) for row in State}
     return Failure(float(states[-1, State.TIME]), _guilty_law(machine, results), named)

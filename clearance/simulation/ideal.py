@@ -75,21 +75,26 @@ def run_ideal(codes: Any, p: Any, s: Any, work: Any, scheme: int, h: float, subs
 
 
 @entry
-def accelerate_ideal(codes: Any, p: Any, s: Any, r: Any, motion: Any, out: Any) -> None:
-    """How laws accelerate the crank at many instants of a motion, ``WIDTH`` of them together.
+def accelerate(codes: Any, p: Any, motion: Any, work: Any, out: Any) -> None:
+    """Angular acceleration of an ideal machine's crank at each instant of a motion.
 
     Args:
         codes: (families,) chosen laws; joints ideal.
-        p: (PARAMETERS, WIDTH) of one machine, the same in all lanes.
-        s: (STATES, WIDTH) scratch.
-        r: (RESULTS, WIDTH) scratch.
-        motion: (groups, 3, WIDTH) crank's angle [rad] and speed [rad/s], drive's integral [rad].
-        out: (groups, WIDTH) written [rad/s^2].
+        p: (PARAMETERS, WIDTH), all lanes alike.
+        motion: (4, instants) crank angle [rad], speed [rad/s], integral of the drive [rad], time [s].
+        work: (RESULTS + STATES, WIDTH) scratch.
+        out: (instants,) written [rad/s^2].
     """
-    for k in range(out.shape[0]):
-        put(s, State.CRANK_ANGLE, get(motion[k], 0))
-        put(s, State.CRANK_SPEED, get(motion[k], 1))
-        put(s, State.DRIVE_INTEGRAL, get(motion[k], 2))
+    r, s = work[:RESULTS], work[RESULTS:]
+    width, count = p.shape[1], motion.shape[1]
+    for begin in range(0, count, width):
+        for lane in range(width):
+            k = min(begin + lane, count - 1)
+            s[State.CRANK_ANGLE, lane] = motion[0, k]
+            s[State.CRANK_SPEED, lane] = motion[1, k]
+            s[State.DRIVE_INTEGRAL, lane] = motion[2, k]
+            s[State.TIME, lane] = motion[3, k]
         project(codes, p, s)
         evaluate(codes, p, s, r)
-        put(out, k, get(r, Result.CRANK))
+        for lane in range(min(width, count - begin)):
+            out[begin + lane] = r[Result.CRANK, lane]

@@ -4,8 +4,9 @@ Both take a step per lane, so that lanes in contact can take several short steps
 long step and then stand still: what a lane does never depends on its neighbours.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
+from math import ceil
 from typing import Any
 
 from clearance.compilation import kernel, subroutine
@@ -32,7 +33,7 @@ class Integrator:
 
     Attributes:
         scheme: ``semi_implicit_euler`` (the paper's equations 7 and 8, first order) or ``runge_kutta_4``.
-        step: longest step [s]; the sampling period must be a multiple of it.
+        step: longest step [s]; a sampling period is divided into as few as it allows.
         contact_refinement: steps that replace one while a joint touches or is about to.
     """
 
@@ -56,18 +57,12 @@ class Integrator:
         return int(Scheme[self.scheme.upper()])
 
     def substeps(self, sampling_period: float) -> int:
-        """Steps in a sampling period [s].
+        """Steps in a sampling period [s]: the fewest that are no longer than ``step``."""
+        return max(1, ceil(sampling_period / self.step - 1e-9))  # 1e-9: round-off must not add a step
 
-        Raises:
-            InputError: if the period is not a whole number of steps.
-        """
-        count = round(sampling_period / self.step)
-        if count < 1 or abs(count * self.step - sampling_period) > 1e-9 * sampling_period:
-            raise InputError(
-                f"integrator.step = {self.step:g} s must divide the sampling period {sampling_period:g} s; "
-                "change integrator.step or chain.base_rate"
-            )
-        return count
+    def within(self, sampling_period: float) -> "Integrator":
+        """The same with the step that this leads to in a sampling period [s]."""
+        return replace(self, step=sampling_period / self.substeps(sampling_period))
 
 
 WORKSPACE = 2 * STATES

@@ -25,6 +25,17 @@ def sample_period(
         step(codes, p, s, r, w, scheme, h, refinement)
 
 
+@subroutine
+def _save(s: Any, saved: Any) -> None:
+    """Keep the state of the lanes in which it is finite."""
+    total = get(s, 0)
+    for i in range(1, 2 * COORDINATES):
+        total = total + get(s, i)
+    finite = total * 0.0 == 0.0
+    for i in range(STATES):
+        put(saved, i, where(finite, get(s, i), get(saved, i)))
+
+
 @entry
 def run_lanes(
     codes: np.ndarray,
@@ -93,10 +104,13 @@ def run_lanes(
     project(codes, p, s)
     for i in range(STATES):
         put(saved, i, get(s, i))
-    for _ in range(skipped * factor):
-        evaluate(codes, p, s, r)
-        remember(codes, s, r)
-        sample_period(codes, p, s, r, w, scheme, h, substeps, refinement)
+    for k in range(skipped):
+        for _ in range(factor):
+            evaluate(codes, p, s, r)
+            remember(codes, s, r)
+            sample_period(codes, p, s, r, w, scheme, h, substeps, refinement)
+        if k % chunk == 0:
+            _save(s, saved)
     evaluate(codes, p, s, r)
     remember(codes, s, r)
     sense(codes, p, s, r, block, (factor - 1) * SIGNALS)
@@ -125,12 +139,7 @@ def run_lanes(
                 absorb_block(
                     block, filtered[c], SIGNALS, forward, c * 2 * poles, future, place, weights, decay
                 )
-        total = get(s, 0)
-        for i in range(1, 2 * COORDINATES):
-            total = total + get(s, i)
-        finite = total * 0.0 == 0.0
-        for i in range(STATES):
-            put(saved, i, where(finite, get(s, i), get(saved, i)))
+        _save(s, saved)
         # backwards through the chunk just simulated, then through the one before, whose future is now known
         for c in range(channels):
             for i in range(2 * poles):

@@ -1,11 +1,14 @@
 """Many runs in lockstep: the same numbers as one run alone, whatever the grouping; filtered as SciPy
 filters."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from clearance.errors import InputError
 from clearance.lanes import WIDTH
+from clearance.mechanism.contact import LankaraniNikravesh
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
@@ -157,6 +160,15 @@ def test_a_run_that_blows_up_is_named_and_the_others_go_on():
     assert "LankaraniNikravesh of joint C" in str(failed)
     assert "crank_speed" in str(failed)
     assert "integrator.step" in str(failed)
+
+
+def test_a_run_that_blows_up_before_it_is_recorded_is_named_too():
+    stiff = SliderCrank(joint_c=Joint(1e-3, contact=LankaraniNikravesh(stiffness_scale=30.0)))
+    machine = replace(stiff, drive=SpeedControl(1000.0))
+    (failed,) = collect([machine], sampling(2.0, 0.1))
+    assert isinstance(failed, Failure)
+    assert 0.2 < failed.time < 2.0
+    assert "LankaraniNikravesh of joint C" in str(failed)
 
 
 def test_steps_must_divide_the_sampling_period():

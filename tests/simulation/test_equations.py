@@ -16,7 +16,7 @@ from clearance.mechanism.load import ConstantProcess, LinearSpring
 from clearance.mechanism.slider_crank import Link, SliderCrank
 from clearance.simulation.integrator import Integrator
 from clearance.simulation.layout import Result, Signal, State
-from clearance.simulation.trajectory import simulate_trajectory
+from clearance.simulation.trajectory import rest_state, simulate_trajectory
 
 FINE = Integrator("runge_kutta_4", 2e-6)
 LOOSE = {"B": {"joint_b": Joint(3e-4)}, "C": {"joint_c": Joint(3e-4)}, "none": {}}
@@ -217,6 +217,19 @@ def test_friction_on_the_guides_reaction_is_consistent_with_that_reaction():
         expected = -0.1 * np.abs(run.results[:, Result.GUIDE_REACTION]) * speed / np.hypot(speed, 1e-3)
         scale = np.abs(expected).max()
         np.testing.assert_allclose(run.results[:, Result.GUIDE_FRICTION], expected, atol=1e-3 * scale)
+
+
+def test_a_tilted_shoe_rubs_on_both_rails():
+    guide = LooseGuide(gap=1e-4, stiffness=1e7, damping=0.0, shoe_half_length=7.5e-3)
+    machine = SliderCrank(
+        guide=guide, guide_friction=StribeckGuide(friction_coefficient=0.2), joint_c=Joint(3e-4)
+    )
+    state = rest_state(machine)
+    state[State.SLIDER_ANGLE] = (guide.gap + 1e-6) / guide.shoe_half_length  # 10 N on each end
+    state[State.SLIDER_X_RATE] = 1.0
+    result = simulate_trajectory(machine, Integrator(), 1e-5, state=state).results[0]
+    assert result[Result.GUIDE_REACTION] == pytest.approx(0.0, abs=1e-9)
+    assert result[Result.GUIDE_FRICTION] == pytest.approx(-0.2 * 20.0, rel=1e-2)
 
 
 def test_a_motor_at_constant_voltage_sags_under_load():
