@@ -7,6 +7,7 @@ limit, goes on from there; another program, recording or setting begins anew. Th
 
 import contextlib
 import hashlib
+import os
 import re
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
@@ -98,14 +99,6 @@ class Finished:
             return self._followers(kept)[0], kept["values"], float(kept["misfit"])
 
         return self._recall(label, make, pack, unpack)
-
-    def number(self, label: str, make: Callable[[], float]) -> float:
-        """Some number that takes long to find."""
-        found = self._recall(
-            label, make, lambda one: {"number": np.array(one)}, lambda kept: float(kept["number"])
-        )
-        assert found is not None
-        return found
 
     def profile(self, make: Callable[[], Profile]) -> Profile:
         """How well the motion agrees with each clearance."""
@@ -258,6 +251,7 @@ def _make_room(folder: Path) -> None:
     """Make the folder; of those like it beside it only the newest stay. Nothing else is touched there."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)  # an old one that is in use again is no longer old
         alike = [p for p in folder.parent.iterdir() if _NAME.fullmatch(p.name) and p.is_dir()]
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror or error}); change finished") from error

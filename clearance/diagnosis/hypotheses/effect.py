@@ -214,17 +214,34 @@ class Effect:
         return replace(self, free=tuple(free))
 
     def off(self, machine: SliderCrank, joint: str) -> dict[str, float]:
-        """The value of each parameter at which the effect vanishes."""
-        return {
-            parameter.name: float(read_path(machine, _filled(parameter.of or parameter.path, joint)))
-            if parameter.off is None
-            else parameter.off
-            for parameter in self.free
-        }
+        """The value of each parameter at which the effect vanishes.
+
+        Of a law that the machine has already (friction on the guide, of which there may be more or less) that
+        is the machine's own number.
+        """
+        return self._off(machine, with_laws(machine, _filled_keys(self.patch, joint)), joint)
+
+    def _off(self, machine: SliderCrank, changed: SliderCrank, joint: str) -> dict[str, float]:
+        """See ``off``; ``changed`` is the machine with the effect's laws."""
+        lawful = bool(self.patch) and changed == machine
+        found = {}
+        for one in self.free:
+            if one.off is None or (lawful and one.operation == "set" and not one.shape and isfinite(one.off)):
+                found[one.name] = float(read_path(machine, _filled(one.of or one.path, joint)))
+            else:
+                found[one.name] = one.off
+        return found
 
     def starts(self, machine: SliderCrank, joint: str) -> Iterator[dict[str, float]]:
-        """Values to begin a fit at: every combination of the trials that the machine allows."""
-        for values in product(*[parameter.trials or (parameter.start,) for parameter in self.free]):
+        """Values to begin a fit at: every combination of the trials that the machine allows.
+
+        Where an effect vanishes at the machine's own number they count from there.
+        """
+        off, trials = self.off(machine, joint), []
+        for one in self.free:
+            own = 0.0 if one.off is None or not isfinite(one.off) else off[one.name] - one.off
+            trials.append([trial + own for trial in one.trials or (one.start,)])
+        for values in product(*trials):
             named = dict(zip(self.parameters, map(float, values), strict=True))
             try:
                 self.machine(machine, joint, named)
@@ -248,13 +265,13 @@ class Effect:
             self.parameter(name)
         if self.kind == "instrument":
             return machine
-        off = self.off(machine, joint)
+        changed = with_laws(machine, _filled_keys(self.patch, joint))
+        off = self._off(machine, changed, joint)
         sizes = [
             parameter.name for parameter in self.free if not parameter.shape and parameter.name in values
         ]
         if all(values[name] == off[name] for name in sizes):
             return machine
-        changed = with_laws(machine, _filled_keys(self.patch, joint))
         settings: dict[str, float] = {}
         for name, value in values.items():
             parameter = self.parameter(name)

@@ -141,8 +141,9 @@ def curve_of(law: TabulatedForce) -> Curve:
     count = len(law.values)
     spacing = (law.period or 2.0 * np.pi) / count if law.spacing is None else law.spacing
     knots = law.start + spacing * np.arange(count)
+    argument = "contact_force" if law.straight else law.argument
     return Curve(
-        law.body, law.direction, law.argument, knots, np.array(law.values), np.zeros(count), 0.0, 0.0,
+        law.body, law.direction, argument, knots, np.array(law.values), np.zeros(count), 0.0, 0.0,
         law.interpolation, law.period,
     )  # fmt: skip
 

@@ -244,8 +244,9 @@ def _one(
     table = _tabulated(p, angle, speed, rod_angle, swing, place, slide)
     moment_b = inertia * turn + mass * to_b * (cosine * centre_y - sine * centre_x)
     moment_b -= applied(p, Parameter.FORCE_ROD_MOMENT, table)
-    # friction on the guide follows from the guide's force without it
-    cx += _push(p, place, slide, (moment_b / length + sine * cx) / cosine, table)
+    # friction on the guide follows from the guide's force without it, which carries the slider, too
+    carried = p[Parameter.SLIDER_MASS] * (acceleration - gy)
+    cx += _push(p, place, slide, (moment_b / length + sine * cx) / cosine + carried, table)
     cy = (moment_b / length + sine * cx) / cosine
     rod_bx, rod_by = mass * centre_x - cx, mass * centre_y - cy
     needed = u[0] / p[Parameter.CRANK_INVERSE_INERTIA] + crank * (crank_cosine * rod_by - crank_sine * rod_bx)

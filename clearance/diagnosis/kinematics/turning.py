@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clearance.compilation import entry
 from clearance.diagnosis.kinematics.reconstruction import Reconstruction
 from clearance.diagnosis.kinematics.rigid_motion import tilt
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
@@ -15,9 +14,8 @@ from clearance.mechanism.applied_force import CONSTANTS
 from clearance.mechanism.parameters import STRUCTURE, Family, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.batch import aligned
-from clearance.simulation.equations import evaluate
-from clearance.simulation.kinematics import project
-from clearance.simulation.layout import RESULTS, STATES, Result, State
+from clearance.simulation.ideal import accelerate
+from clearance.simulation.layout import RESULTS, STATES
 
 _EDGE = 3  # bins at both ends, which the smoother knows from one side only
 _EVERY = 2  # samples: bins are their means, so that a law may begin or end within one
@@ -84,34 +82,6 @@ def answer(machine: SliderCrank, turning: Turning) -> tuple[np.ndarray, np.ndarr
     p[Parameter.FORCE_CRANK_TORQUE] += _TORQUE
     accelerate(codes, p, motion, work, out[1])
     return _TORQUE / (out[1] - out[0]), out[0]
-
-
-@entry
-def accelerate(
-    codes: np.ndarray, p: np.ndarray, motion: np.ndarray, work: np.ndarray, out: np.ndarray
-) -> None:
-    """Angular acceleration of an ideal machine's crank at each instant of a motion.
-
-    Args:
-        codes: (families,) chosen laws; joints ideal.
-        p: (PARAMETERS, WIDTH), all lanes alike.
-        motion: (4, instants) crank angle [rad], speed [rad/s], integral of the drive [rad], time [s].
-        work: (RESULTS + STATES, WIDTH) scratch.
-        out: (instants,) written [rad/s^2].
-    """
-    r, s = work[:RESULTS], work[RESULTS:]
-    width, count = p.shape[1], motion.shape[1]
-    for begin in range(0, count, width):
-        for lane in range(width):
-            k = min(begin + lane, count - 1)
-            s[State.CRANK_ANGLE, lane] = motion[0, k]
-            s[State.CRANK_SPEED, lane] = motion[1, k]
-            s[State.DRIVE_INTEGRAL, lane] = motion[2, k]
-            s[State.TIME, lane] = motion[3, k]
-        project(codes, p, s)
-        evaluate(codes, p, s, r)
-        for lane in range(min(width, count - begin)):
-            out[begin + lane] = r[Result.CRANK, lane]
 
 
 def _ideal(p: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -19,6 +19,7 @@ REACH = 4  # segments to each side whose motion enters a filtered sample
 SAMPLES = 10  # a segment
 NO_FAULT = Instrument()
 _DEAF = 1e4
+_USUAL, _CLOCKS = 1e5, 1e-3  # Hz, before the filter; by what a declared rate and a clock may differ
 _LEAST, _ADDED = 1e-4, 0.01
 """Shares of a channel's standard deviation: noise below which no sensor made a recording, and the
 noise that is added there, so that errors of the simulator do not pass for something missing."""
@@ -369,21 +370,21 @@ class Measured:
 
 
 def chain_of(recording: Recording, name: str) -> MeasurementChain:
-    """The chain that a recording declares, or the usual one ending at its rate.
+    """The chain that a recording declares, where it is silent the usual one; it ends at the recording's rate.
 
     Raises:
-        InputError: a declared chain that does not end at the recording's rate.
+        InputError: a declared chain that ends elsewhere, but for what clocks differ by.
     """
-    if recording.metadata.get("chain"):
-        chain = MeasurementChain(**declared_chain(recording.metadata["chain"]))
-        if abs(chain.rate / recording.rate - 1.0) > 1e-6:
-            raise InputError(
-                f"{name}: declares a chain that ends at {chain.rate:g} Hz, but has {recording.rate:g} Hz; "
-                "correct chain in the YAML beside it"
-            )
-        return chain
-    factor = max(1, round(1e5 / recording.rate))
-    return MeasurementChain(base_rate=recording.rate * factor, decimation=factor)
+    rate, declared = recording.rate, recording.metadata.get("chain") or {}
+    whole = declared_chain(declared)
+    base = declared.get("base_rate", _USUAL)
+    factor = declared.get("decimation", max(1, round(base / rate)))
+    if "base_rate" in declared and abs(base / factor / rate - 1.0) > _CLOCKS:
+        raise InputError(
+            f"{name}: declares a chain that ends at {base / factor:g} Hz, but has {rate:g} Hz; "
+            "correct chain in the YAML beside it"
+        )
+    return MeasurementChain(**whole | {"base_rate": rate * factor, "decimation": factor})
 
 
 def segments_before(samples: int, held_out: float) -> int:

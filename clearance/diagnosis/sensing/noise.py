@@ -30,9 +30,9 @@ def noise_level(values: np.ndarray, signal: int, limit: float = np.inf) -> float
 
     The filter leaves 0.05 of the amplitude at 0.95 of the Nyquist frequency; noise added after it does not
     fall. The quietest quarter of the recording is taken, since impacts reach even there. A sampled channel is
-    judged by its third differences; an encoder has at least the noise of its counts, whose differences tell
-    nothing of how long their errors stand still. Where a sensor is at its limit it has none; one that is
-    never long enough away from it says nothing.
+    judged by its third differences, and has at least the noise of its own resolution; an encoder has at least
+    the noise of its counts, whose differences tell nothing of how long their errors stand still. Where a
+    sensor is at its limit it has none; one that is never long enough away from it says nothing.
     """
     if signal < Signal.CRANK_ANGLE:
         window = np.hanning(_BLOCK)
@@ -46,6 +46,9 @@ def noise_level(values: np.ndarray, signal: int, limit: float = np.inf) -> float
         estimate = np.sqrt(np.quantile(power.mean(axis=1), 0.25) / 0.42)
     else:
         estimate = np.median(np.abs(np.diff(values, 3))) / 0.6745 / np.sqrt(20.0)
+        steps = np.abs(np.diff(values))
+        if (steps > 0.0).any():  # of coarse counts most third differences are zero
+            estimate = max(estimate, steps[steps > 0.0].min() / np.sqrt(12.0))
     if signal == Signal.CRANK_ANGLE:
         counts = encoder_counts(values)
         least = 2.0 * np.pi / (counts or ENCODER_COUNTS) / np.sqrt(12.0)

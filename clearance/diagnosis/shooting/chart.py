@@ -157,8 +157,8 @@ class Chart:
             doubt[place] = {
                 State.CRANK_ANGLE: 1e4,
                 State.DRIVE_INTEGRAL: 1500.0,
-                State.SLIDER_Y: self.rails[0] / _PLACE[0],
-                State.SLIDER_ANGLE: self.rails[1] / _TILT[0],
+                State.SLIDER_Y: max(self.rails[0] / _PLACE[0], 1.0),
+                State.SLIDER_ANGLE: max(self.rails[1] / _TILT[0], 1.0),
                 State.SLIDER_Y_RATE: _FLYING,
                 State.SLIDER_SPEED: _FLYING,
                 State.MEMORY_B: 100.0,

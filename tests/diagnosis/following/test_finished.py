@@ -1,11 +1,12 @@
 """What an earlier run has finished is not made again, and is the same."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from clearance.diagnosis.following.finished import Finished, kept_in
+from clearance.diagnosis.following.finished import _KEPT, Finished, _make_room, kept_in
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.searching import one_by_one
@@ -29,6 +30,13 @@ def measured():
     machine = replace(SETTING.with_clearance(2e-4), drive=SpeedControl(700.0, ramp=0.1), gravity=(0.0, -4.0))
     recording = record(machine, 3)
     return Measured.of(recording, chain_of(recording, "one"), "one").part(0, 260)
+
+
+def number(finished, label, make):
+    """Something small that is kept."""
+    return finished._recall(
+        label, make, lambda one: {"number": np.array(one)}, lambda kept: float(kept["number"])
+    )
 
 
 def run(measured, folder, report=lambda _: None):
@@ -110,7 +118,7 @@ def test_a_search_that_was_late_leaves_nothing_that_another_would_not_do(first, 
     )
     assert search.late()
     kept = sorted(tmp_path.rglob("*.npz"))
-    search.finished.number("anything", lambda: 1.0)
+    number(search.finished, "anything", lambda: 1.0)
     assert sorted(tmp_path.rglob("*.npz")) == kept != []
     _, after = run(measured, tmp_path)
     np.testing.assert_array_equal(after.best.fit.values, whole.best.fit.values)
@@ -144,8 +152,19 @@ def test_what_time_has_cut_short_is_not_what_another_run_finds(tmp_path):
         first.stop()
         return 1.0
 
-    assert first.number("glance", lambda: 3.0) == 3.0
-    assert first.number("glance", cut) == 1.0
+    assert number(first, "glance", lambda: 3.0) == 3.0
+    assert number(first, "glance", cut) == 1.0
     again = Finished(tmp_path, [], lambda _: None)
-    assert again.number("glance", never) == 3.0
-    assert again.number("glance", lambda: 2.0) == 2.0
+    assert number(again, "glance", never) == 3.0
+    assert number(again, "glance", lambda: 2.0) == 2.0
+
+
+def test_an_old_folder_that_is_in_use_again_is_not_removed(tmp_path):
+    folders = [tmp_path / f"{i:016x}" for i in range(_KEPT + 1)]
+    for place, folder in enumerate(folders):
+        folder.mkdir()
+        os.utime(folder, (1e9 + place, 1e9 + place))
+    _make_room(folders[0])
+    assert folders[0].exists()
+    assert not folders[1].exists()
+    assert len(list(tmp_path.iterdir())) == _KEPT

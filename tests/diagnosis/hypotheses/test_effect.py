@@ -146,6 +146,19 @@ def test_effects_compose_and_a_law_that_is_there_keeps_its_other_numbers():
     assert machine.gravity == (0.0, -9.0)
 
 
+def test_a_law_that_is_there_is_off_at_its_own_number():
+    """Of friction that the machine has there may be more or less: nothing jumps at none."""
+    greased = replace(NOMINAL, guide_friction=StribeckGuide(coulomb_force=2.0))
+    (friction,) = load_effects(["guide_friction"])
+    coulomb = friction.variants()[0]
+    assert coulomb.off(greased, "C") == {"coulomb_force": 2.0}
+    assert coulomb.machine(greased, "C", {"coulomb_force": 2.0}) is greased
+    less = coulomb.machine(greased, "C", {"coulomb_force": 0.0})
+    assert less.guide_friction.coulomb_force == 0.0
+    assert list(coulomb.starts(greased, "C")) == [{"coulomb_force": 5.0}]
+    assert coulomb.off(NOMINAL, "C") == {"coulomb_force": 0.0}
+
+
 def test_an_instruments_effect_leaves_the_machine_and_changes_the_instruments():
     gain, clock = load_effects(["sensor_gain", "timebase"])
     assert gain.machine(NOMINAL, "C", {"gain": 1.1}) == NOMINAL

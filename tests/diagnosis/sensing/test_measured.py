@@ -217,6 +217,31 @@ def test_a_declared_chain_must_end_at_the_recordings_rate():
         chain_of(wrong, "one")
 
 
+@pytest.mark.parametrize(
+    ("declared", "rate", "expected"),
+    [
+        ({"base_rate": 1e5, "decimation": 10}, 9999.7, (99997.0, 10, 0.8)),  # its clock is measured
+        ({"cutoff": 0.7}, 2e4, (1e5, 5, 0.7)),
+        ({"decimation": 4}, 2e4, (8e4, 4, 0.8)),
+        ({"base_rate": 8e4}, 2e4, (8e4, 4, 0.8)),
+    ],
+)
+def test_what_a_declared_chain_leaves_open_follows_from_the_recordings_rate(declared, rate, expected):
+    source = recording()
+    kept = Recording(source.values, source.channels, rate, metadata={"chain": declared})
+    chain = chain_of(kept, "one")
+    assert (chain.base_rate, chain.decimation, chain.cutoff) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("resolution", [0.01, 0.05, 0.1])
+def test_a_channel_of_coarse_counts_has_the_noise_of_its_resolution(resolution):
+    time = np.arange(5000) * 1e-4
+    speed = 73.0 + 0.3 * np.sin(2.0 * np.pi * 11.0 * time)
+    counted = resolution * np.round(speed / resolution)
+    found = noise_level(counted, Signal.CRANK_SPEED)
+    assert found == pytest.approx((counted - speed).std(), rel=0.3)
+
+
 def test_too_short_a_recording_is_refused():
     least = (2 * REACH + 8) * SAMPLES
     assert len(Measured.of(recording(least), CHAIN, "one").values) == 2 * REACH + 8

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from clearance.compilation import entry
+from clearance.diagnosis.following.attempt import FINE
 from clearance.diagnosis.following.growth import BEFORE, ISLAND, landed
 from clearance.diagnosis.following.horizon import advance, islands, step
 from clearance.diagnosis.following.particles import ways_on
 from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.judging.detectability import follower_on_path
 from clearance.diagnosis.sensing.measured import NO_FAULT, SAMPLES, Measured
 from clearance.diagnosis.shooting.chart import Chart
 from clearance.diagnosis.shooting.fit import fit
@@ -387,3 +389,14 @@ def test_a_strike_of_a_shoe_is_found_by_drawing_its_height_and_the_gap_where_tha
     truth = run(machine)[1][lost.place + 1]
     assert found.worst < 1.5
     assert found.path.nodes[lost.place + 1, State.SLIDER_Y] == pytest.approx(truth[State.SLIDER_Y], abs=1e-5)
+
+
+@pytest.mark.parametrize("rate", [12_800.0, 51_200.0, 200_000.0, 10_000.5])
+def test_recordings_of_any_rate_can_be_followed(rate):
+    machine = SliderCrank(joint_c=Joint(2e-4))
+    factor = max(1, round(1e5 / rate))
+    follower = follower_on_path(machine, chain=MeasurementChain(base_rate=rate * factor, decimation=factor))
+    follower.integrator = FINE
+    seen = follower.compare(machine, NO_FAULT, first=0, last=24)
+    assert np.isfinite(seen.cost)
+    assert seen.cost / seen.samples < 0.1  # the recording has no noise
