@@ -85,6 +85,19 @@ class Attempt:
         return float(found)
 
 
+@dataclass(frozen=True)
+class Remainder:
+    """What names leave, or all that is missing, as a force of free form.
+
+    Attributes:
+        attempt: of which it is the last term.
+        beside: whether names stand beside it, whose numbers stay as they were.
+    """
+
+    attempt: Attempt
+    beside: bool
+
+
 @dataclass
 class Findings:
     """All that was tried.
@@ -97,6 +110,7 @@ class Findings:
         zero: whether the encoder's zero is surely off.
         instead: attempts with another fault in its place.
         enough: whether the best attempt leaves only noise.
+        left: a force of free form, if held-out recordings are explained better with it.
     """
 
     nominal: Attempt
@@ -106,6 +120,7 @@ class Findings:
     zero: bool = False
     instead: list[Attempt] = field(default_factory=list)
     enough: Explained | None = None
+    left: Remainder | None = None
 
 
 def zero_of(fit: Fit) -> tuple[float, float]:

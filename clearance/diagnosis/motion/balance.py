@@ -18,12 +18,11 @@ from scipy.optimize import least_squares
 
 from clearance.diagnosis.motion.model import Model, Term
 from clearance.diagnosis.motion.track import Track
-from clearance.lanes import WIDTH
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.parameters import PARAMETERS
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.batch import aligned
-from clearance.simulation.ideal import accelerate_ideal
+from clearance.simulation.ideal import accelerate
 from clearance.simulation.layout import RESULTS, STATES
 
 _MOTOR = "soft_drive(stall_torque)"
@@ -203,13 +202,8 @@ def accelerations(machine: SliderCrank, angle: np.ndarray, speed: np.ndarray) ->
         angle: (instants,) of the crank [rad].
         speed: (instants,) [rad/s].
     """
-    count = len(angle)
-    groups = -(-count // WIDTH)
-    motion = np.zeros((groups, 3, WIDTH))
-    for row, values in enumerate((angle, speed)):
-        motion[:, row] = np.pad(values, (0, groups * WIDTH - count), mode="edge").reshape(groups, WIDTH)
-    p, s, r = aligned(PARAMETERS), aligned(STATES), aligned(RESULTS)
+    p, out, still = aligned(PARAMETERS), np.zeros(len(angle)), np.zeros(len(angle))
     p[:] = machine.parameters()[:, None]
-    out = np.zeros((groups, WIDTH))
-    accelerate_ideal(machine.codes(), p, s, r, motion, out)
-    return out.ravel()[:count]
+    motion = np.stack([angle, speed, still, still])
+    accelerate(machine.codes(), p, motion, aligned(RESULTS + STATES), out)
+    return out

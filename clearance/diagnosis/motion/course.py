@@ -9,8 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clearance.diagnosis.motion.attempt import Attempt, Findings, inside
+from clearance.diagnosis.motion.attempt import Attempt, Findings, Remainder, inside
 from clearance.diagnosis.motion.balance import Suggested, suggest
+from clearance.diagnosis.motion.judged import over
+from clearance.diagnosis.motion.remainder import remainder
+from clearance.diagnosis.motion.rest import Explained, nearly_all
 from clearance.diagnosis.motion.search import FEWEST, POOR, SLOWEST, Search
 from clearance.diagnosis.motion.track import Track
 
@@ -51,21 +54,47 @@ class Course:
             if findings.best.terms and not search.judge(findings.best).enough:
                 self._shorten(findings, search.tracks)
         keep(findings)
-        while search.in_time and search.widen(findings, self.most):
+        while not search.late() and search.widen(findings, self.most):
             keep(findings)
         search.prune(findings)
         search.report("fitting the recordings' whole length")
-        filtered = search.tracks[0].low_pass is not None
+        filtered = search.filtered
         whole = [track.filtered(filtered) for track in whole]
         self._refit(findings, search.cut(whole))
         longer = any(len(track.values) > _LOOK * track.rate for track in whole)
-        if longer and search.in_time and search.widen(findings, self.most):
+        if longer and not search.late() and search.widen(findings, self.most):
             search.prune(findings)
         search.drop(findings)
         search.question_zero(findings)
         findings.enough = search.judge(findings.best)
         keep(findings)
+        if not (findings.enough.enough or search.late()):
+            self._without_a_name(findings)
         return findings
+
+    def _without_a_name(self, findings: Findings) -> None:
+        """What is left as a force of free form, with recordings that passed a filter, or did not, anew."""
+        search = self.search
+        for _ in range(2):
+            assert findings.enough is not None
+            named = nearly_all(
+                *(self._error(one, findings.enough) for one in (findings.nominal, findings.best))
+            )
+            left = findings.left = remainder(search, findings.best, named)
+            if left is None or left.beside:
+                return
+            again = search.refilter(left.attempt)
+            if again is left.attempt:
+                return
+            findings.nominal, findings.best = (
+                search.attempt(one.terms, one.fit.shared, one.fit.own)
+                for one in (findings.nominal, findings.best)
+            )
+            findings.enough, findings.left = search.judge(findings.best), Remainder(again, beside=False)
+
+    def _error(self, attempt: Attempt, about: Explained) -> float:
+        """Root mean square of what an attempt leaves over the noise."""
+        return float(np.sqrt((np.concatenate(over(attempt.fit, self.search.tracks, about)) ** 2).mean()))
 
     def _follow_suggested(self, findings: Findings) -> bool:
         """Begin with the best of what linkage and measured turning suggest; whether it follows them.
@@ -125,7 +154,7 @@ class Course:
         search.terms = {k: t for k, t in every.items() if "integral" not in t.effect.parameters}
         found, left = self._search_pieces()
         search.terms = every
-        if left > POOR and search.in_time:
+        if left > POOR and not search.late():
             other, still = self._search_pieces()
             found = other if still < POOR else found
         best = search.attempt((), nominal.fit.shared, nominal.fit.own)
@@ -159,11 +188,11 @@ class Course:
         search.begin, search.in_pieces = search.beginnings(search.tracks), True
         nominal = search.attempt((), search.nominal_values(), search.begin, staged=True)
         findings = Findings(nominal, min((nominal, self._linked()), key=lambda a: a.price))
-        while search.in_time and search.widen(findings, self.most):
+        while not search.late() and search.widen(findings, self.most):
             search.report(f"so far {findings.best.label}")
         search.prune(findings)
         left = float(search.judge(findings.best).level.max()) if findings.best.terms else np.inf
-        filtered = search.tracks[0].low_pass is not None
+        filtered = search.filtered
         search.tracks = [track.filtered(filtered) for track in given]
         search.begin, search.in_pieces = begun, False
         return findings.best, left

@@ -28,8 +28,7 @@ class Judged:
             machine, model.joint, with_zero=model.with_zero, instrument=instrument,
             known_clearance=model.clearance(attempt.fit.shared),
         )  # fmt: skip
-        filtered = search.tracks[0].low_pass is not None
-        self.tracks = [track.filtered(filtered) for track in search.cut(held_out)]
+        self.tracks = [track.filtered(search.filtered) for track in search.cut(held_out)]
         zeros = {track.name: own[4] for track, own in zip(search.tracks, attempt.fit.own, strict=True)}
         start = np.array(
             [begin(track, speeds, zeros.get(track.name, attempt.fit.own[0, 4])) for track in self.tracks]

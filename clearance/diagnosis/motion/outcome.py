@@ -1,7 +1,10 @@
 """Carry out a diagnosis of motion alone and gather what it says, for the contract and the report."""
 
+import signal
+import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +15,7 @@ from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.evidence import SHOWN
 from clearance.diagnosis.judging.mismatch import whiteness
 from clearance.diagnosis.judging.outcome import Outcome
+from clearance.diagnosis.judging.words import HELPS
 from clearance.diagnosis.motion.attempt import Findings
 from clearance.diagnosis.motion.beginning import begin
 from clearance.diagnosis.motion.course import Course
@@ -76,16 +80,57 @@ def diagnose(
     search = Search(
         tracks, machine, joint, terms, dict(uncertain), linkage, speed_range, seconds, workers, report
     )
-    findings = Course(search, most).run(keep)
+    with _interruptible(search):
+        findings = Course(search, most).run(keep)
     _require_plausible(findings, search)
     report(f"[{time.monotonic() - started:.0f} s] judging on held-out recordings")
     best, nominal = findings.best, findings.nominal
     after = Judged(best, held_out, search, speed_range)
     before = Judged(nominal, held_out, search, speed_range) if best is not nominal else after
-    diagnosis = state(search, findings, named, zero_known, before, after)
+    beside = _with_table(search, findings, after, held_out, speed_range)
+    diagnosis = state(search, findings, named, zero_known, before, after, beside)
     diagnosis |= {"seconds": round(time.monotonic() - started, 1), "peak_memory_mib": round(peak_memory())}
-    machine = _corrected(best.fit, setting, diagnosis["clearance"]["after_m"])
-    return Outcome(diagnosis, _evidence(search, findings, before, after), machine, findings)
+    final = findings.left.attempt if findings.left else best
+    machine = _corrected(final.fit, setting, diagnosis["clearance"]["after_m"])
+    evidence = _evidence(search, findings, before, beside or after)
+    return Outcome(diagnosis, evidence | {"free_form": diagnosis["free_form"]}, machine, findings)
+
+
+def _with_table(
+    search: Search,
+    findings: Findings,
+    after: Judged,
+    held_out: Sequence[Track],
+    speed_range: tuple[float, float],
+) -> Judged | None:
+    """A force of free form that was found, beside held-out recordings; dropped if it does not help there."""
+    if findings.left is None:
+        return None
+    beside = Judged(findings.left.attempt, held_out, search, speed_range)
+    noise = beside.explained.noise
+    if beside.score(noise) < HELPS * after.score(noise):
+        return beside
+    findings.left = None
+    return None
+
+
+@contextmanager
+def _interruptible(search: Search) -> Iterator[None]:
+    """Within it Ctrl-C ends the search as the time limit does; a second one ends the process."""
+
+    def stop(number: int, frame: object) -> None:
+        search.stopped = "it was interrupted"
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        search.report("interrupted: what was found so far is judged and written; once more ends it at once")
+
+    if threading.current_thread() is not threading.main_thread():  # signals are the main thread's
+        yield
+        return
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _corrected(found: Fit, setting: Setting, clearance: float | None) -> SliderCrank:
@@ -101,7 +146,8 @@ def _corrected(found: Fit, setting: Setting, clearance: float | None) -> SliderC
 
 def _evidence(search: Search, findings: Findings, before: Judged, after: Judged) -> dict[str, Any]:
     """What the report draws."""
-    best, nominal, enough, machine = findings.best, findings.nominal, findings.enough, search.model.machine
+    best, nominal = findings.left.attempt if findings.left else findings.best, findings.nominal
+    enough, machine = findings.enough, search.model.machine
     assert enough is not None
     return {
         "where": maps(
@@ -125,14 +171,17 @@ def _evidence(search: Search, findings: Findings, before: Judged, after: Judged)
 
 def _require_plausible(findings: Findings, search: Search) -> None:
     """No verdict on a machine that is not this one."""
-    for track, rest in zip(search.tracks, findings.best.fit.residuals, strict=True):
-        for i, channel in enumerate(track.channels):
+    pairs = list(zip(search.tracks, findings.best.fit.residuals, strict=True))
+    for name, channels in {track.name: track.channels for track in search.tracks}.items():
+        values = np.concatenate([track.values for track in search.tracks if track.name == name])
+        squares = np.concatenate([rest**2 for track, rest in pairs if track.name == name])
+        for i, channel in enumerate(channels):
             if not channel.startswith("slider_"):
                 continue
-            left = float((rest[:, i] ** 2).mean() / np.maximum(track.values[:, i].var(), 1e-300))
+            left = float(squares[:, i].mean() / np.maximum(values[:, i].var(), 1e-300))
             if not left < 1.0 - _UNLIKELY:
                 raise InputError(
-                    f"{track.name}: this mechanism explains {max(0.0, 1.0 - left):.0%} of {channel}; is it "
+                    f"{name}: this mechanism explains {max(0.0, 1.0 - left):.0%} of {channel}; is it "
                     "another machine's, are columns swapped or in other units, or is its speed outside "
                     "speed_range?"
                 )

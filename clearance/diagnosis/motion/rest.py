@@ -13,6 +13,7 @@ _HARMONICS = 12  # of the crank's angle
 _DRIFTS = 3  # powers of time that a residual may follow besides
 _SHARE = 0.1  # free numbers to a sample, at most
 _FALSE_ALARMS = 1e-3
+_NEXT_TO_NOTHING, _SLIGHT = 0.05, 2.0  # of the mismatch; of the noise, at most
 _MATERIAL = 1.05  # a residual that is larger than noise by less is as good as noise
 
 
@@ -42,6 +43,11 @@ class Explained:
     def enough(self) -> bool:
         """Whether nothing but noise is left."""
         return not bool(self.structured.any())
+
+
+def nearly_all(before: float, after: float) -> bool:
+    """Whether errors over the noise fell by nearly all that was missing, and are small."""
+    return after <= _SLIGHT and after - 1.0 <= _NEXT_TO_NOTHING * max(before - 1.0, 1e-9)
 
 
 def angles(fit: Fit, tracks: Sequence[Track]) -> list[np.ndarray]:

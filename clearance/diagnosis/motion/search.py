@@ -58,16 +58,22 @@ class Search:
         )  # fmt: skip
         self.in_pieces = False
         self.turns: float | None = None
-        self.started, self._report = monotonic(), report
+        self.started, self.stopped, self._report = monotonic(), "", report
 
     def report(self, text: str) -> None:
         """Say how far it is."""
         self._report(f"[{monotonic() - self.started:.0f} s] {text}")
 
+    def late(self) -> bool:
+        """Whether nothing new is to be tried; ``stopped`` says why."""
+        if not self.stopped and monotonic() - self.started > self.seconds:
+            self.stopped = "four fifths of time_limit were over (time_limit=null sets none)"
+        return bool(self.stopped)
+
     @property
-    def in_time(self) -> bool:
-        """Whether there is time to look for more."""
-        return monotonic() - self.started < self.seconds
+    def filtered(self) -> bool:
+        """Whether recordings that do not say through which filter they went are taken as filtered."""
+        return any(track.low_pass is not None for track in self.tracks if not track.declared)
 
     def beginnings(self, tracks: Sequence[Track]) -> np.ndarray:
         """(recordings, own unknowns) with which each begins."""
@@ -114,7 +120,7 @@ class Search:
         given = self.tracks
         if all(track.declared for track in given):
             return attempt
-        self.tracks = [track.filtered(not track.low_pass) for track in given]
+        self.tracks = [track.filtered(not self.filtered) for track in given]
         other = self.attempt(attempt.terms, attempt.fit.shared, attempt.fit.own)
         # a filter's ends are not judged: costs are compared for each sample
         if other.fit.cost / other.fit.samples < attempt.fit.cost / attempt.fit.samples:
@@ -154,7 +160,7 @@ class Search:
         better = self._better(base, tried)
         if not better and self.judge(base).level.max() > POOR:
             for old, term in richer:
-                if self.in_time:
+                if not self.late():
                     self.report(f"trying {term.label} for {old.label}")
                     tried.append(self._changed(base, old, term))
             better = self._better(base, tried)
@@ -328,14 +334,19 @@ class Search:
                     findings.instead.append(self.attempt((*best.terms, term), start, without.fit.own))
         self.model = given
 
-    def equivalents(self, findings: Findings) -> list[Attempt]:
-        """Attempts that explain the recordings as well as the best one with other effects."""
-        best = findings.best
-        if not best.terms and not findings.zero:
+    def equivalents(self, findings: Findings, zero_known: bool) -> list[Attempt]:
+        """Attempts that explain the recordings as well as the best one with other effects.
+
+        Args:
+            findings: of the search.
+            zero_known: whether an encoder's zero that is off is one of these effects, not a matter of course.
+        """
+        best, zero = findings.best, findings.zero and zero_known
+        if not best.terms and not zero:
             return []
         names = {t.place for t in best.terms}
         found: dict[frozenset[tuple[str, str | None]], Attempt] = {}
-        for one in [*findings.attempts, *findings.instead]:
+        for one in [*findings.attempts, *(findings.instead if zero else [])]:
             other = frozenset(t.place for t in one.terms)
             if (
                 one.price < best.price + _ALIKE

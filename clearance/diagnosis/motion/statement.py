@@ -11,10 +11,19 @@ from clearance.diagnosis.motion.attempt import Attempt, Findings
 from clearance.diagnosis.motion.fit import Fit
 from clearance.diagnosis.motion.judged import Judged, over
 from clearance.diagnosis.motion.model import encoder_zero
+from clearance.diagnosis.motion.remainder import described
 from clearance.diagnosis.motion.rest import angles
 from clearance.diagnosis.motion.search import Search
 from clearance.diagnosis.motion.track import Track
-from clearance.diagnosis.motion.verdict import clearance_of, effects, sentences, uncertain_of, verdict_of
+from clearance.diagnosis.motion.verdict import (
+    clearance_of,
+    effects,
+    sentences,
+    stands,
+    uncertain_of,
+    verdict_of,
+    whole,
+)
 from clearance.diagnosis.motion.where import summary
 
 METRIC = "root mean square of whole-run residuals over the noise of each channel"
@@ -27,6 +36,7 @@ def state(
     zero_known: bool,
     before: Judged,
     after: Judged,
+    beside: Judged | None,
 ) -> dict[str, Any]:
     """The contract's JSON, but for time and memory.
 
@@ -37,40 +47,46 @@ def state(
         zero_known: whether an encoder's zero that is off is a fault, not a matter of course.
         before: the nominal machine beside held-out recordings.
         after: the best one.
+        beside: it with what it leaves as a force of free form, if there is one.
     """
     best, nominal, joint, enough = findings.best, findings.nominal, search.model.joint, findings.enough
     assert enough is not None
     floor = after.explained.noise
     held = {"before": before.score(floor), "after": after.score(floor), "floor": 1.0}
     held["low"], held["high"] = after.interval(floor)
-    alike = search.equivalents(findings)
+    shown = held if beside is None else _with_table(findings, before, after, beside)
     bias = next((e for e in named if e.name == "sensor_bias"), None)
     zero = encoder_zero(bias) if bias is not None and zero_known else None
+    alike = search.equivalents(findings, zero is not None) if stands(findings, held) else []
     verdict = verdict_of(findings, alike, zero, held)
     asserted = effects(findings, zero, _probability(search, findings))
     turned = angles(nominal.fit, search.tracks)
     where = summary(over(nominal.fit, search.tracks, enough), turned, enough.channels, search.tracks[0].rate)
     shows = noticed(where["channels"]) or list(enough.channels)[:1]
-    clearance, (singles, combinations) = clearance_of(best.fit, enough.enough), uncertain_of(best.fit)
+    clearance, (singles, combinations) = clearance_of(best.fit, whole(findings, held)), uncertain_of(best.fit)
     names = [
         *(t.name for t in best.terms), *([zero.name] if findings.zero and zero is not None else [])
     ]  # fmt: skip
+    table = None if findings.left is None else described(findings.left)
     first = asserted[0][0] if asserted else None
+    body, direction = (first.place(joint), first.direction) if first else (None, None)
+    if table is not None and (verdict == "unknown" or first is None):
+        body, direction = table["body"], table["direction"]
     return {
         "verdict": verdict,
         "summary": sentences(
-            verdict, findings, asserted, alike, held, shows, clearance, (singles, combinations)
+            verdict, findings, asserted, alike, held, shown, shows, clearance, (singles, combinations)
         ),
         "mismatch": {
             "detected": verdict != "none", "p_value": None,
-            "body": first.place(joint) if first else None, "direction": first.direction if first else None,
+            "body": body, "direction": direction,
             **where,
         },
         "effects": [] if verdict in ("none", "unknown") else [described for _, _, described in asserted],
         "equivalent": [names, *([t.name for t in a.terms] for a in alike)] if alike else [],
         "next_experiment": _next_experiment(alike, search.tracks),
-        "free_form": None,
-        "fit": {"metric": METRIC, "held_out": held},
+        "free_form": table,
+        "fit": {"metric": METRIC, "held_out": shown},
         "clearance": clearance,
         "uncertain": singles,
         "combinations": combinations,
@@ -79,6 +95,17 @@ def state(
             for name in dict.fromkeys(track.name for track in search.tracks)
         ],
         "warnings": _warnings(search),
+    }  # fmt: skip
+
+
+def _with_table(findings: Findings, before: Judged, after: Judged, beside: Judged) -> dict[str, float]:
+    """Errors on held-out recordings, after all with the table; ``named``: by names alone."""
+    floor = beside.explained.noise
+    low, high = beside.interval(floor)
+    named = findings.left is not None and findings.left.beside
+    return {
+        "before": before.score(floor), **({"named": after.score(floor)} if named else {}),
+        "after": beside.score(floor), "floor": 1.0, "low": low, "high": high,
     }  # fmt: skip
 
 
@@ -130,6 +157,8 @@ def _warnings(search: Search) -> list[str]:
             f"The recordings are compared in stretches of {search.turns:g} turns, each with a beginning of "
             "its own: over more the machine goes astray from the model, pushed by what is not in it"
         )
+    if search.stopped:
+        found.append(f"Not everything was tried: {search.stopped}.")
     return found
 
 

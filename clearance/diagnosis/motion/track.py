@@ -91,7 +91,7 @@ class Track:
             name, values[:, alive], channels, recording.rate / every, declared=bool(chain),
             silent=tuple(c for i, c in enumerate(known) if i not in alive),
         )  # fmt: skip
-        return replace(track, low_pass=_declared(chain)) if chain else track
+        return replace(track, low_pass=_declared(chain, recording.rate)) if chain else track
 
     @property
     def usual_low_pass(self) -> LowPass:
@@ -158,11 +158,11 @@ class Track:
         return replace(self, values=self.values[first:last])
 
 
-def _declared(chain: Mapping[str, Any]) -> LowPass | None:
+def _declared(chain: Mapping[str, Any], rate: float) -> LowPass | None:
+    """The filter that a recording of this rate [Hz] declares, where it is silent the usual one."""
     said = declared_chain(chain)
     if said["decimation"] == 1:
         return None
-    rate = float(said["base_rate"]) / float(said["decimation"])
     return LowPass(float(said["cutoff"]) * rate / 2.0, int(said["filter_order"]), float(said["ripple_db"]))
 
 

@@ -7,16 +7,16 @@ import numpy as np
 
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.judging.verdict import Estimate
-from clearance.diagnosis.judging.words import HELPS
-from clearance.diagnosis.motion.attempt import Attempt, Findings, zero_of
+from clearance.diagnosis.judging.words import HELPS, acting
+from clearance.diagnosis.motion.attempt import Attempt, Findings, Remainder, zero_of
 from clearance.diagnosis.motion.fit import Fit
 from clearance.diagnosis.motion.model import Term
-from clearance.diagnosis.motion.rest import Explained
+from clearance.diagnosis.motion.remainder import table_of
+from clearance.diagnosis.motion.rest import Explained, nearly_all
 
 _Z = 1.96  # of a 95 % interval
 _SEEN = 3.3  # standard deviations from which on a clearance counts as seen
 _CONFIRMED = 1.3  # held-out error over its floor, up to which the recordings there are explained
-_NEXT_TO_NOTHING, _SLIGHT = 0.05, 2.0  # of the mismatch; held-out error over its floor, at most
 _KNOWN = 0.05  # of its range: an uncertain value is known when its deviation is below
 
 
@@ -25,6 +25,12 @@ def estimates(attempt: Attempt, term: Term) -> dict[str, Estimate]:
     values, deviations = attempt.parameters(term)
     middle, low, high = (term.values(values + z * deviations) for z in (0.0, -_Z, _Z))
     return {name: Estimate(middle[name], low[name], high[name]) for name in middle}
+
+
+def whole(findings: Findings, held: Mapping[str, float]) -> bool:
+    """Whether what was found leaves nothing but noise; arguments as of ``stands``."""
+    assert findings.enough is not None
+    return bool(findings.enough.enough and held["after"] <= _CONFIRMED)
 
 
 def stands(findings: Findings, held: Mapping[str, float]) -> bool:
@@ -37,11 +43,9 @@ def stands(findings: Findings, held: Mapping[str, float]) -> bool:
         findings: of the search.
         held: ``before`` and ``after``, errors on held-out recordings over their floor.
     """
-    assert findings.enough is not None
-    if findings.enough.enough and held["after"] <= _CONFIRMED:
+    if whole(findings, held):
         return True
-    left = (held["after"] - 1.0) / max(held["before"] - 1.0, 1e-9)
-    return bool(findings.best.terms) and held["after"] <= _SLIGHT and left <= _NEXT_TO_NOTHING
+    return bool(findings.best.terms) and nearly_all(held["before"], held["after"])
 
 
 def verdict_of(
@@ -117,7 +121,7 @@ def clearance_of(fit: Fit, enough: bool) -> dict[str, Any]:
 
     Args:
         fit: of the best attempt.
-        enough: whether it leaves nothing but noise: anything else makes a fraction of a millimetre, too.
+        enough: as ``whole`` says: anything else makes a fraction of a millimetre, too.
     """
     found: dict[str, Any] = {
         "joint": fit.model.joint,
@@ -182,11 +186,12 @@ def sentences(
     asserted: Sequence[tuple[Effect, dict[str, Estimate], dict[str, Any]]],
     equivalents: Sequence[Attempt],
     held: Mapping[str, float],
+    shown: Mapping[str, float],
     channels: Sequence[str],
     clearance: Mapping[str, Any],
     uncertain: tuple[list[dict[str, Any]], list[dict[str, Any]]],
 ) -> list[str]:
-    """The diagnosis in plain words, the headline first."""
+    """The diagnosis in plain words, the headline first; ``shown``: ``held`` with a table of what is left."""
     joint = findings.best.fit.model.joint
     lines = []
     if verdict == "none":
@@ -203,27 +208,56 @@ def sentences(
         )
     assert findings.enough is not None
     if verdict == "unknown":
+        if findings.left is not None and not findings.left.beside:
+            lines = []
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
-        lines.insert(
-            0,
-            "What explains the fitted recordings does not explain those that were held out: their error is "
-            f"{held['after']:.3g} (floor 1.00)."
-            if findings.enough.enough
-            else "Something is missing that none of the tried hypotheses explains. "
-            f"{_left_words(findings.enough)}",
-        )
-    elif not (findings.enough.enough and held["after"] <= _CONFIRMED):
+        lines.insert(0, _unknown_words(findings, held))
+    elif not whole(findings, held):
         lines.append(_left_words(findings.enough))
+        if findings.left is not None:
+            lines.append(f"What these names leave {_table_words(findings.left)}")
     if equivalents:
         lines += [_alike_words(findings.best, other) for other in equivalents]
-    if asserted:
-        helps = held["after"] < HELPS * held["before"]
-        lines.append(
-            f"It shows in {', '.join(channels)}. With it, held-out error "
-            f"{'falls' if helps else 'goes'} from {held['before']:.3g} to {held['after']:.3g} (floor 1.00)."
-        )
+    if asserted or findings.left is not None:
+        lines.append(f"It shows in {', '.join(channels)}. {_gain_words(shown)}")
     lines += [_clearance_words(clearance), *_uncertain_words(*uncertain)]
     return lines
+
+
+def _unknown_words(findings: Findings, held: Mapping[str, float]) -> str:
+    """The headline where no names explain."""
+    assert findings.enough is not None
+    if findings.left is not None:
+        return f"Something is missing that has no name here: it {_table_words(findings.left)}"
+    if findings.enough.enough:
+        return (
+            "What explains the fitted recordings does not explain those that were held out: their error is "
+            f"{held['after']:.3g} (floor 1.00)."
+        )
+    return f"Something is missing that none of the tried hypotheses explains. {_left_words(findings.enough)}"
+
+
+def _table_words(left: Remainder) -> str:
+    """Of what is left, as a force without a name."""
+    law = table_of(left)
+    values = np.array(law.values) - (np.mean(law.values) if law.direction == "torque" else 0.0)
+    unit = "N m" if law.direction == "torque" else "N"
+    return (
+        f"goes with {acting(law.body, law.direction)} that depends on {law.argument.replace('_', ' ')}, "
+        f"of {np.abs(values).max():.3g} {unit} at most; its table is in corrected.yaml."
+    )
+
+
+def _gain_words(shown: Mapping[str, float]) -> str:
+    """What becomes of the held-out error, by names and with a table."""
+    before, after = f"{shown['before']:.3g}", f"{shown['after']:.3g}"
+    falls = "falls" if shown["after"] < HELPS * shown["before"] else "goes"
+    if "named" in shown:
+        return (
+            f"Held-out error {falls} from {before} to {shown['named']:.3g} by names and to {after} with the "
+            "table (floor 1.00)."
+        )
+    return f"With it, held-out error {falls} from {before} to {after} (floor 1.00)."
 
 
 def _alike_words(best: Attempt, other: Attempt) -> str:
