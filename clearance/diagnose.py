@@ -37,6 +37,7 @@ from clearance.errors import InputError
 from clearance.mechanism.description import write_mechanism
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import describe
+from clearance.recording.channels import OTHER_CHANNELS
 from clearance.recording.correction import corrected
 from clearance.recording.declaration import write_sensors
 from clearance.recording.files import read, recordings_in
@@ -53,6 +54,7 @@ UNUSED = {
     "sensor_chain": "what sensors do is found (tolerances says within which limits all may be off)",
 }
 """What decides how a recording is simulated, and is not asked of one that was made."""
+_NO_SENSORS = {"sensors": "without accelerometers every channel is used"}
 _TOGETHER, _TOGETHER_IN_MOTION = 2, 5  # effects that are looked for at once: there a fit takes a second
 _MOST = 999  # simulations: some seconds each
 _BESIDE = """What the accelerometers were found to do.
@@ -110,6 +112,7 @@ def main(cfg: DictConfig) -> None:
 
     outcome: Outcome[Explanation] | Outcome[Findings]
     if only_motion([*recordings.values(), *held_out.values()]):
+        refuse(_NO_SENSORS)
         if joint == UNKNOWN:
             raise InputError(
                 "joint=unknown: only accelerations tell the joints apart, and these recordings have none; "
@@ -154,7 +157,7 @@ def main(cfg: DictConfig) -> None:
             log.info, keep,
             limit, finished, simulations,
         )  # fmt: skip
-        outcome.diagnosis["warnings"][:0] = _unshared({**recordings, **held_out}, channels)
+        outcome.diagnosis["warnings"][:0] = _unused({**recordings, **held_out}, channels)
     told = any(one.metadata.get("sensors") for one in (*recordings.values(), *held_out.values()))
     _write(folder, outcome, told)
     lines = [*outcome.diagnosis["summary"], *outcome.diagnosis["warnings"]]
@@ -252,17 +255,28 @@ def _load(
     )
 
 
-def _unshared(everything: dict[str, Recording], channels: tuple[str, ...]) -> list[str]:
-    """What is said of channels that some recordings have and others lack."""
+def _unused(everything: dict[str, Recording], channels: tuple[str, ...]) -> list[str]:
+    """What is said of channels that some recordings have and others lack, and of those that are not asked."""
+    unasked = [
+        c
+        for c in OTHER_CHANNELS
+        if c not in (*channels, "crank_angle") and all(c in one.channels for one in everything.values())
+    ]
     lacking = {
         c: [name for name, one in everything.items() if c not in one.channels]
         for c in (*channels, "crank_angle")
     }
-    return [
+    left_out = [
         f"{c} is not in {' and '.join(names)} and was left out of all recordings"
         for c, names in lacking.items()
         if 0 < len(names) < len(everything)
     ]
+    if unasked:
+        left_out.append(
+            f"{', '.join(unasked)}: not used beside accelerometers; sensors.channels=[...] with them says "
+            "otherwise"
+        )
+    return left_out
 
 
 def _files(key: str, paths: Any, held_out: Sequence[Path] = ()) -> list[Path]:

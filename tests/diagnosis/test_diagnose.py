@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clearance.diagnose import _files, _load, _unshared
+from clearance.diagnose import _files, _load, _unused
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.outcome import diagnose
@@ -268,9 +268,9 @@ def test_a_sensor_that_is_constant_in_one_recording_is_left_out_of_all(recording
 
 def test_a_channel_that_one_recording_lacks_is_said_to_be_left_out(recordings):
     whole, axial = read(recordings / "a.parquet"), read(recordings / "crank.parquet")
-    (told, *_) = _unshared({"a": whole, "b": axial}, ("rod_b_axial", "crank_b_axial", "slider_vertical"))
+    (told, *_) = _unused({"a": whole, "b": axial}, ("rod_b_axial", "crank_b_axial", "slider_vertical"))
     assert told == "rod_b_axial is not in b and was left out of all recordings"
-    assert _unshared({"a": whole, "b": whole}, whole.channels) == []
+    assert _unused({"a": whole, "b": whole}, whole.channels) == []
 
 
 def test_noise_and_limits_are_told_without_what_is_held_out(recordings):

@@ -90,10 +90,8 @@ def _runs(
         recording = Recording(values, measured.channels, chain.rate)
         made[k] = Measured.of(recording, chain, f"{measured.name}, simulated")
 
-    period = 1.0 / chain.base_rate
-    step = period / np.ceil(period / _STEP - 1e-9)
     run_batch(
-        [machine] * len(numbers), Integrator("runge_kutta_4", step, _REFINED),
+        [machine] * len(numbers), Integrator("runge_kutta_4", _STEP, _REFINED),
         Sampling(chain.base_rate, chain.filter(), _SETTLE, measured.seconds), keep, workers, states,
         any_laws=True,
     )  # fmt: skip

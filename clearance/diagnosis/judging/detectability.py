@@ -8,7 +8,6 @@ Below that it cannot be seen here, which is not the same as absent.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import ceil
 from typing import Any
 
 import numpy as np
@@ -232,12 +231,12 @@ def follower_on_path(
         chain: of measurement, of at least 500 Hz.
     """
     period = 1.0 / chain.base_rate
-    substeps = ceil(period / _STEP - 1e-9)  # 1e-9: round-off must not add a step
-    integrator = Integrator("runge_kutta_4", period / substeps, 2)
+    integrator = Integrator("runge_kutta_4", _STEP, 2).within(period)
     first, periods = round(_SETTLED * chain.base_rate), SAMPLES * chain.decimation
     segments = round(_DURATION * chain.base_rate / periods)
     margin = _MARGIN * chain.decimation
-    run = simulate_trajectory(machine, integrator, _SETTLED + _DURATION + margin * period, substeps)
+    duration = _SETTLED + _DURATION + margin * period
+    run = simulate_trajectory(machine, integrator, duration, integrator.substeps(period))
     if not run.finite:
         raise InputError("detectability: the nominal machine does not run at this clearance and speed")
     filtered = chain.smooth(run.signals[first - margin :, : Signal.CRANK_ANGLE])[margin :: chain.decimation]

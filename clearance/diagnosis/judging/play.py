@@ -1,12 +1,12 @@
 """The clearance that a diagnosis gives, and what the number rests on."""
 
 from clearance.diagnosis.following.attempt import explained
-from clearance.diagnosis.judging.verdict import Estimate, cushioned, estimates
+from clearance.diagnosis.judging.verdict import MOTION, Estimate, basis_of, cushioned, estimates
 from clearance.diagnosis.searching.explanation import Explanation
 
-FIT, NEAREST, MOTION = "fit", "nearest models", "motion"
+FIT, NEAREST = "fit", "nearest models"
 """What an estimate rests on: a model that explains, with a 95 % interval; the spread of those that come
-near, which is none; the motion, whatever the forces."""
+near, which is none; or ``MOTION``, whatever the forces, or ``ONE`` recording that was followed."""
 _AGREED = 0.2  # of the clearance that the motion shows: what it may err by
 _NEAR = 2.0  # times the best misfit: models that say as much of the clearance, where none explains
 
@@ -21,8 +21,10 @@ def clearance_of(explanation: Explanation) -> tuple[Estimate, str]:
     """
     best = explanation.best
     own = estimates(best)[0]
-    if best is explanation.shown or explained(best):
-        return own, MOTION if best is explanation.shown else FIT
+    if explained(best):
+        return own, FIT
+    if best is explanation.shown:
+        return own, basis_of(explanation)
     if cushioned(explanation):
         assert explanation.agreed is not None
         shown = explanation.agreed[1]

@@ -109,10 +109,8 @@ def _free_runs(
             ):  # no stall
                 runs[own[run]].append(outcome.copy())
 
-        period = 1.0 / chain.base_rate
-        step = period / np.ceil(period / _STEP - 1e-9)
         run_batch(
-            [machines[i] for i in own], Integrator("runge_kutta_4", step, 2),
+            [machines[i] for i in own], Integrator("runge_kutta_4", _STEP, 2),
             Sampling(chain.base_rate, chain.filter(), _SETTLE, _DURATION), sink, workers, states,
             any_laws=True,
         )  # fmt: skip

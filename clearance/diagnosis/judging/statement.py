@@ -15,6 +15,7 @@ from clearance.diagnosis.judging.true_seconds import true_speed
 from clearance.diagnosis.judging.verdict import (
     FITTED,
     basis_of,
+    borne_out,
     effects_of,
     free_form_of,
     gone,
@@ -148,7 +149,9 @@ def _of_judging(
     explanation: Explanation, judged: Judged, struck: Sequence[str], missed: Sequence[str]
 ) -> list[str]:
     """Warnings of what held-out recordings do not bear out."""
-    changed = verdict_of(explanation, judged.after) != verdict_of(explanation)
+    best = explanation.best
+    followed = explained(best) and best is not explanation.shown
+    changed = followed and not borne_out(explanation, judged.after)
     return [
         *(["What explains the fitted recordings does not explain the held-out ones."] if changed else []),
         *(

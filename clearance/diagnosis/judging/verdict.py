@@ -23,6 +23,8 @@ from clearance.mechanism.applied_force import TabulatedForce, shares
 
 FITTED = "fitted recordings and motion"
 """The basis of play in a guide where recordings that were held out are lost."""
+ONE, MOTION = "one recording", "motion"
+"""The basis of what was not followed through all recordings: the prediction of one, or the motion alone."""
 _ALONG = 4  # points from knot to knot at which a spline is given
 _WORSE = 1.02  # times the best one's level, below which another is as good
 _UNITS = {
@@ -111,7 +113,9 @@ def equivalents(explanation: Explanation) -> list[Attempt]:
         and a.level < _WORSE * best.level
         and not {(h.name, h.channel) for h in best.hypotheses} <= {(h.name, h.channel) for h in a.hypotheses}
     ]
-    return [best, *sorted(alike, key=explanation.price)]
+    falling = sorted(alike, key=explanation.price, reverse=True)  # of what was fitted several times the best
+    cheapest = {one.labels: one for one in falling}
+    return [best, *sorted(cheapest.values(), key=explanation.price)]
 
 
 def rivals(verdict: str, explanation: Explanation) -> list[Attempt]:
@@ -244,6 +248,13 @@ def _confirmed(held_out: Attempt, effects: bool) -> bool:
     return (explained(held_out) and whole == len(each)) or half
 
 
+def borne_out(explanation: Explanation, held_out: Attempt | None) -> bool:
+    """Whether held-out recordings, if there are any, are explained as those are that were fitted."""
+    if held_out is None or _confirmed(held_out, bool(explanation.best.hypotheses)):
+        return True
+    return vouched(explanation, held_out)
+
+
 def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str:
     """None, physics, instrument, mixed, ambiguous or unknown.
 
@@ -256,11 +267,8 @@ def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str
     """
     best = explanation.best
     if best is explanation.shown:
-        return "unknown" if unnamed(best.hypotheses) is not None else best.hypotheses[0].kind
-    if not explained(best):
-        return "unknown"
-    sure = held_out is None or _confirmed(held_out, bool(best.hypotheses))
-    if held_out is not None and not (sure or vouched(explanation, held_out)):
+        return "unknown" if unnamed(best.hypotheses) is not None else _kind(best)
+    if not (explained(best) and borne_out(explanation, held_out)):
         return "unknown"
     if not best.hypotheses:
         return "unknown" if suspicious(explanation) else "none"
@@ -268,6 +276,10 @@ def verdict_of(explanation: Explanation, held_out: Attempt | None = None) -> str
         return "unknown"
     if len(equivalents(explanation)) > 1:
         return "ambiguous"
+    return _kind(best)
+
+
+def _kind(best: Attempt) -> str:
     kinds = {h.kind for h in best.hypotheses}
     return "mixed" if len(kinds) > 1 else kinds.pop()
 
@@ -290,7 +302,7 @@ def basis_of(explanation: Explanation, held_out: Attempt | None = None) -> str:
         if held_out is None or _confirmed(held_out, bool(best.hypotheses)):
             return "prediction"
         return FITTED if vouched(explanation, held_out) else "prediction"
-    return "one recording" if explanation.rails is not None and explanation.rails.followed else "motion"
+    return ONE if explanation.rails is not None and explanation.rails.followed else MOTION
 
 
 def effects_of(attempt: Attempt, chance: dict[int, float], basis: str = "prediction") -> list[dict[str, Any]]:

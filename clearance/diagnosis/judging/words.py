@@ -8,9 +8,11 @@ import numpy as np
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import DAMPING, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
-from clearance.diagnosis.judging.play import MOTION, NEAREST, clearance_of
+from clearance.diagnosis.judging.play import NEAREST, clearance_of
 from clearance.diagnosis.judging.verdict import (
+    MOTION,
     argument_of,
+    borne_out,
     cushioned,
     drives,
     estimates,
@@ -19,6 +21,7 @@ from clearance.diagnosis.judging.verdict import (
     rivals,
     unconfirmed,
 )
+from clearance.diagnosis.searching.beside import HALFWAY
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import CLOCK, FRAME
 from clearance.diagnosis.searching.significance import null_scores, suspicious
@@ -61,19 +64,15 @@ def sentences(
     curve = unnamed(explanation.best.hypotheses)
     if verdict == "unknown" and curve is None:
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
-        if nearer(explanation):
-            body, direction = place_of(explanation, held_out)
-            lines.append(
-                f"Without a name, {_acting(str(body), direction)} comes nearer to one recording; no table of "
-                "it was found that explains all."
-            )
+        lines += _nearer(explanation, held_out)
     if curve is not None:
-        lines.insert(0, _free_force(explanation, curve))
+        lines.insert(0, _free_force(explanation, curve, held_out))
+        lines += _nearer(explanation, held_out)
     if verdict == "unknown":
         lines += [*_worked(explanation), *_gap(explanation)]
     others = rivals(verdict, explanation)[1:]
     if others:
-        names = " or ".join(" with ".join(h.name for h in a.hypotheses) for a in others)
+        names = " or ".join(" with ".join(map(_called, a.hypotheses)) for a in others)
         lines.append(f"With these sensors it cannot be told from {names}.")
     if explanation.best is explanation.shown:
         lines.append(_shown_by_motion(explanation))
@@ -85,30 +84,48 @@ def _nothing_found(
 ) -> list[str]:
     """Of a mismatch for which nothing was found."""
     body, direction = place_of(explanation, held_out)
-    guess = f" What comes nearest is {_acting(body, direction)}." if body else ""
+    guess = f" What comes nearest is {acting(body, direction)}." if body else ""
     shows = f"{f'It shows most{seen}.' if seen else 'No channel shows it alone.'}{guess}"
     if explained(explanation.nominal):
         clearance = clearance_of(explanation)[0].value * 1e3
         return [*_small(explanation, joint, clearance, held["after"]), shows]
-    times = f"{held['before']:.3g}" if held["before"] < _LOST else "more than 100"
+    before, where = held["before"], ""
+    if before < EXPLAINED:  # what is missing does not show in what was held out
+        before, where = float(np.sqrt(explanation.nominal.misfit)), ", where it was fitted"
+    times = f"{before:.3g}" if before < _LOST else "more than 100"
     return [
         "Something is missing that none of the tried hypotheses explains: the nominal model's errors are "
-        f"{times} times those of a perfect one.",
+        f"{times} times those of a perfect one{where}.",
         shows,
         *_gap(explanation),
     ]
 
 
-def _free_force(explanation: Explanation, curve: Hypothesis) -> str:
+def _called(hypothesis: Hypothesis) -> str:
+    """A hypothesis by its name; a sensor's fault with its channel."""
+    return f"{hypothesis.name} of {hypothesis.channel}" if hypothesis.channel else hypothesis.name
+
+
+def _nearer(explanation: Explanation, held_out: Attempt | None) -> list[str]:
+    """Of a force that comes nearer to one recording than what was found does to all."""
+    if explanation.best is explanation.shown or not nearer(explanation):
+        return []
+    body, direction = place_of(explanation, held_out)
+    return [
+        f"Without a name, {acting(str(body), direction)} comes nearer to one recording; no table of "
+        "it was found that explains all."
+    ]
+
+
+def _free_force(explanation: Explanation, curve: Hypothesis, held_out: Attempt | None) -> str:
     """Of a force without a name."""
-    nominal = explanation.nominal
+    best, nominal = explanation.best, explanation.nominal
     law = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force
     argument = argument_of(law) if isinstance(law, TabulatedForce) else ""
-    share = "a part of " if drives(explanation) else "most of "
-    share = "" if explained(explanation.best) else share
-    what = (
-        f"{_acting(curve.body, curve.direction)} that depends on {argument.replace('_', ' ')}{_rhythm(law)}"
-    )
+    share = "a part of " if best.misfit > HALFWAY * nominal.misfit else "most of "
+    if explained(best):
+        share = "" if best is explanation.shown or borne_out(explanation, held_out) else "the fitted ones of "
+    what = f"{acting(curve.body, curve.direction)} that depends on {argument.replace('_', ' ')}{_rhythm(law)}"
     if curve.direction == DAMPING:
         what = (
             f"a resistance to the journal's motion in {_body(curve.body)}, by its closeness to the bearing,"
@@ -226,7 +243,7 @@ def _body(name: str) -> str:
     return f"joint {name[-1].upper()}" if name.startswith("joint_") else f"the {name.replace('_', ' ')}"
 
 
-def _acting(body: str, direction: str | None) -> str:
+def acting(body: str, direction: str | None) -> str:
     """What acts on a body in a direction, in plain words."""
     if body == "instrument":
         return "a fault of an instrument"
@@ -245,7 +262,7 @@ def _worked(explanation: Explanation) -> list[str]:
     if worked is None or nearer(explanation) or cushioned(explanation) or not drives(explanation):
         return []
     return [
-        f"By the balance of work {_acting(worked.body, worked.direction)} gives the torque that the model "
+        f"By the balance of work {acting(worked.body, worked.direction)} gives the torque that the model "
         f"lacks, all but {worked.share:.0%}; no machine was kept on the recordings with it."
     ]
 

@@ -34,7 +34,7 @@ function ranges(path, unit) {
 
 // ---- head
 
-const RESTS = { "nearest models": "no 95 % interval; the nearest models' ", motion: "by the motion alone, " }; // what the clearance's interval is where no model explains
+const RESTS = { "nearest models": "no 95 % interval; the nearest models' ", motion: "by the motion alone, ", "one recording": "by one recording, " }; // what the clearance's interval is where no model explains
 
 function head() {
   const recordings = list(DIAGNOSIS.recordings);
@@ -57,7 +57,7 @@ function head() {
       [change(isNumber(clearance.before_m) && !RIGHT && number(["clearance", "before_m"], options), isNumber(clearance.after_m) && number(["clearance", "after_m"], options)), h("small", {}, "mm")],
       options.within ? [RESTS[clearance.basis] ?? "95 % interval ", number(["clearance", "low_m"], options), "–", number(["clearance", "high_m"], options), " mm"] : ""]);
   } else if (isNumber(clearance.high_m)) figures.push([`Clearance${clearance.joint ? ` in joint ${clearance.joint}` : ""}`, ["below ", number(["clearance", "high_m"], { scale: 1000 }), h("small", {}, "mm")], "the recordings show no more than this bound"]);
-  if (isNumber(mismatch.p_value)) figures.push(["Chance of this if nothing were missing", number(["mismatch", "p_value"]), mismatch.detected !== false ? (mismatch.p_value < 0.011 ? "no machine that lacks nothing looked like this" : "seldom on machines that lack nothing") : mismatch.p_value < 0.05 ? "too small a sign to be asserted" : "not unusual"]);
+  if (isNumber(mismatch.p_value)) figures.push(["Chance of this if nothing were missing", number(["mismatch", "p_value"]), mismatch.detected !== false ? (mismatch.p_value < 0.011 ? "no machine that lacks nothing looked like this" : mismatch.p_value < 0.05 ? "seldom on machines that lack nothing" : "not unusual by itself") : mismatch.p_value < 0.05 ? "too small a sign to be asserted" : "not unusual"]);
   document.getElementById("key-figures").append(...figures.map(([name, value, note]) => h("div", { class: "figure" }, h("div", { class: "name" }, name), h("div", { class: "value" }, value), h("div", { class: "note" }, note))));
 
   const speed = (value, path) => (Array.isArray(value) ? join(value.map((_, index) => number([...path, index])), "–") : number(path));
@@ -133,8 +133,7 @@ function what() {
         h("div", { class: "name" }, h("b", {}, title(entry.name)), entry.asserted && h("span", { class: "tag" }, "asserted"), h("span", { class: "kind" }, words(entry.kind)), entry.note && h("span", { class: "note" }, String(entry.note))),
         h("div", { class: "gain" }, s("svg", { viewBox: "0 0 100 8", preserveAspectRatio: "none", "aria-hidden": "true" }, s("rect", { class: "track", width: 100, height: 8 }), s("rect", { class: `bar ${entry.asserted ? "after" : "other"}`, width: (100 * Math.log1p(gain)) / most, height: 8 }))),
         h("div", { class: "values" }, isNumber(entry.log_likelihood_gain) && h("span", {}, "gain ", number([...path, "log_likelihood_gain"], { source: "evidence" })),
-          isNumber(entry.p_value) && h("span", {}, "p ", number([...path, "p_value"], { source: "evidence", digits: 2 })),
-          isNumber(entry.held_out) && h("span", {}, "held-out error ", number([...path, "held_out"], { source: "evidence" }))));
+          isNumber(entry.p_value) && h("span", {}, "p ", number([...path, "p_value"], { source: "evidence", digits: 2 }))));
       if (filled(entry.parameters)) {
         parameters(values, entry.parameters, [...path, "parameters"], "evidence", entry.asserted ? "after" : "other");
         item.append(values);
@@ -196,31 +195,25 @@ function checks() {
     box.append(h("p", { class: "big" }, number(path("value"), options), " ", isNumber(nis.low) && h("span", { class: `state ${fine ? "good" : "bad"}` }, fine ? "as expected" : "not as expected")),
       isNumber(nis.low) ? h("p", { class: "hint" }, "normalised innovation squared, of the quieter nine tenths; a right model lies in ", number(path("low"), options), "–", number(path("high"), options)) : h("p", { class: "hint" }, "normalised innovation squared"));
   }
-  if (isNumber(found.halving_the_step)) {
-    const box = card(row, "Error of the solver");
-    const fine = found.halving_the_step < 0.1;
-    box.append(h("p", { class: "big" }, number(["checks", "halving_the_step"], { source: "evidence" }), h("small", {}, " σ "), h("span", { class: `state ${fine ? "good" : "bad"}` }, fine ? "negligible" : "too large")),
-      h("p", { class: "hint" }, "change of a prediction when the step is halved; it belongs below 0.1 σ"));
-  }
   const channels = list(found.channels), white = list(found.whiteness);
   if (channels.length && white.some(isNumber)) {
-    const isP = found.whiteness_kind === "p_value", box = card(block, isP ? "Whiteness of the innovations, p-value" : "Whiteness of the innovations, autocorrelation at lag one");
+    const box = card(block, "Whiteness of the innovations, autocorrelation at lag one");
     const spoken = channels.map((name, index) => `${words(name)} ${text(white[index], 2)}`).join(", ");
     figure(box, `Whiteness: ${spoken}`, (width) => {
       const left = Math.min(14 + 6.9 * Math.max(...channels.map((name) => Math.min(words(name).length, 22))), width * 0.45), tall = 22, svg = canvas(width, channels.length * tall + 26), most = Math.max(0.2, ...white.filter(isNumber).map(Math.abs)) * 1.1;
-      const x = axis(isP ? [0, 1] : [-most, most], [left, width - 52], { count: Math.max(3, Math.floor(width / 140)) }), bottom = channels.length * tall;
+      const x = axis([-most, most], [left, width - 52], { count: Math.max(3, Math.floor(width / 140)) }), bottom = channels.length * tall;
       for (const value of x.ticks) svg.append(s("line", { class: "grid", x1: x(value), x2: x(value), y1: 0, y2: bottom }), s("text", { class: "tick", x: x(value), y: bottom + 17, "text-anchor": "middle" }, tickText(value, x.ticks)));
-      svg.append(s("line", { class: "rule", x1: x(isP ? 0.05 : 0), x2: x(isP ? 0.05 : 0), y1: 0, y2: bottom }));
+      svg.append(s("line", { class: "rule", x1: x(0), x2: x(0), y1: 0, y2: bottom }));
       channels.forEach((name, index) => {
         const y = index * tall + tall / 2;
         svg.append(s("text", { class: "row-label", x: left - 10, y: y + 4, "text-anchor": "end" }, cut(words(name), Math.min(22, Math.floor((left - 10) / 6.6)))));
         if (!isNumber(white[index])) return;
-        svg.append(s("line", { class: "stem", x1: x(isP ? 0.05 : 0), x2: x(white[index]), y1: y, y2: y }), s("circle", { class: "mark after", cx: x(white[index]), cy: y, r: 4 }),
+        svg.append(s("line", { class: "stem", x1: x(0), x2: x(white[index]), y1: y, y2: y }), s("circle", { class: "mark after", cx: x(white[index]), cy: y, r: 4 }),
           s("text", { class: "tick", x: width, y: y + 4, "text-anchor": "end", ...keyed(["checks", "whiteness", index], { source: "evidence" }).attributes }, text(white[index], 2)));
       });
       return svg;
     });
-    box.append(h("p", { class: "hint" }, isP ? "Left of the line at 0.05, a channel is not white." : "White innovations lie near zero."));
+    box.append(h("p", { class: "hint" }, "White innovations lie near zero."));
   }
   const lags = Object.entries(dict(found.autocorrelation)).filter(([, values]) => list(values).length > 1);
   if (lags.length) {

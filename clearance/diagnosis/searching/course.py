@@ -139,10 +139,9 @@ class Course:
         """A guide that is loose beyond doubt by the motion, or by it with a clock that it accuses."""
         if not self.nominal.misfit > FAR:
             return
-        together = self.most > 1
-        self.railed = begin_guide(self.search, self.explanation, most=_RAILED, together=together)
+        self.railed = begin_guide(self.search, self.explanation, most=_RAILED)
         clock = next((one for one in self._dimensions if one.hypothesis.name == CLOCK), None)
-        if together and clock is not None and not (self.railed or self.over()):
+        if clock is not None and not (self.railed or self.over()):
             self.railed = begin_guide(
                 self.search, self.explanation, Shown.alone(self.search, clock), most=_RAILED
             )  # fmt: skip
@@ -175,7 +174,7 @@ class Course:
                 sizes = part.fit.values[0, 1 : part.model.shared]
                 begin_guide(self.search, self.explanation, None, part.hypotheses, sizes)
             elif not self.railed:
-                begin_guide(self.search, self.explanation, together=self.most > 1)
+                begin_guide(self.search, self.explanation)
         if not self._settled():
             begin_dimensions(self.search, self.explanation, self._dimensions, self.displaced, self.most)
 

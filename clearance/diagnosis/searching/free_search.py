@@ -109,7 +109,10 @@ def suggest_curve(search: Search, base: Attempt) -> tuple[list[Curve], float]:
         if followed is not None:
             said, left = followed, 0.0
         if left < _SAID:
-            level, forces = trials.beside_all(said)
+            try:
+                level, forces = trials.beside_all(said)
+            except (InputError, np.linalg.LinAlgError):
+                continue
             search.report(f"  as a function of {other.argument}: {level * ANNEALING[3] ** 2:.3g}")
             ranked.append((level, replace(other, forces=forces)))
     return [curve for _, curve in sorted(ranked, key=lambda one: one[0])], best.misfit

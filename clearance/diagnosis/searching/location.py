@@ -57,7 +57,8 @@ def locate_joint(
             raise InputError(
                 f"{one.name}: this mechanism explains {max(found.explained, 0.0):.0%} of what it shows, at "
                 f"its best speed ({found.speed * 30 / np.pi:.0f} rpm); is it another machine's, are channels "
-                "swapped, or is its speed outside speed_range?"
+                "swapped, does the crank turn from y to x instead of from x to y, or is its speed outside "
+                "speed_range?"
             )
     searches = []
     for setting in settings:

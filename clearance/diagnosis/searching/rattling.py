@@ -74,7 +74,6 @@ def begin_guide(
     forces: Sequence[Hypothesis] = (),
     sizes: np.ndarray | None = None,
     most: float = RAILED,
-    together: bool = True,
 ) -> bool:
     """Fit play of the slider in its guide, from the gap that the motion shows.
 
@@ -90,12 +89,14 @@ def begin_guide(
         forces: that the motion does not show and that are followed with it.
         sizes: (unknowns,) of these; if ``None`` forces are tried that the balance of work suggests.
         most: of the motion's disagreement that rails may leave.
-        together: whether they may be.
 
     Returns:
-        Whether the motion shows rails.
+        Whether the motion shows rails; not asked where so many effects may not be missing together.
     """
     shown = Shown.nothing(search) if shown is None else shown
+    room = search.most - 1 - len(shown.hypotheses)
+    if len(forces) > room:
+        return False
     try:
         one = suggest_guide(search, shown, most)
         if one is None:
@@ -106,12 +107,12 @@ def begin_guide(
         return False
     if sizes is not None:
         sets = [(tuple(forces), sizes)]
-    elif together and not shown.hypotheses:
-        sets = _forces_between(search, one)
+    elif shown.hypotheses or not room:
+        sets = [_NOTHING]
+    else:
+        sets = [some for some in _forces_between(search, one) if len(some[0]) <= room] or [_NOTHING]
         if explanation.rails is not None and len(sets) == 1:  # what is sure stands, though no path is found
             explanation.rails = explanation.rails.with_forces(*sets[0])
-    else:
-        sets = [_NOTHING]
     for factor, (also, their) in product(_GAPS, sets):
         others, known = (*shown.hypotheses, *also), np.concatenate([shown.sizes, their])
         held, values = beside(

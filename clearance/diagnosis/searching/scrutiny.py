@@ -10,7 +10,7 @@ from clearance.diagnosis.hypotheses.free_form import unnamed
 from clearance.diagnosis.searching.beside import beside
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import reshape
-from clearance.diagnosis.searching.screening import ONSET, Hint, screen
+from clearance.diagnosis.searching.screening import ONSET, Hint, Screening, screen
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import SURE, margin, unsettled
 from clearance.diagnosis.searching.torn import rejoin_impacts
@@ -44,7 +44,9 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
         if search.late() and explanation.hints:
             return
         found = screen(best, search.others(best), search.workers)
-        explanation.hints = explanation.hints or found.singles  # without a look nothing can be called whole
+        if not explanation.hints:  # without a look beside the nominal machine nothing can be called whole
+            first = found if best is explanation.nominal else _beside_nominal(search, explanation)
+            explanation.hints = first.singles
         sure = [replace(hint, values=_begun(hint)) for hint in found.singles if hint.gain > SURE]
         _refit(search, explanation, best, sure)
         if explanation.best is best:
@@ -56,6 +58,11 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
         if explanation.best is best or (best is explanation.nominal and unsettled(explanation)):
             return
         best = explanation.best
+
+
+def _beside_nominal(search: Search, explanation: Explanation) -> Screening:
+    nominal = explanation.nominal
+    return screen(nominal, search.others(nominal), search.workers)
 
 
 def contest(search: Search, explanation: Explanation) -> None:

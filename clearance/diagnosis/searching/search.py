@@ -63,6 +63,7 @@ class Search:
         self.groups, self.workers, self.report = groups, workers, report
         self.clearance, self.traces, self.starts = np.nan, list[Trace](), list[Start]()
         self.deadline, self.stopped = deadline, ""
+        self.most: float = np.inf  # effects that may be missing together
         self.patient_until = np.inf  # of ``time.monotonic``: when lost paths are not looked for any more
         folder = kept_in(finished, self.recordings, self.alignments, setting, groups)
         self.finished = Finished(folder, self.recordings, report)
@@ -247,10 +248,12 @@ class Search:
         make: Callable[[], Attempt | None],
         again: bool = False,
     ) -> Attempt | None:
-        """Add an attempt to those that were made, unless it fails or was made before.
+        """Add an attempt to those that were made, unless it fails, has too many effects or was made before.
 
         ``again``: though one with the same hypotheses explains, and not clearly worse than the best one does.
         """
+        if len(held) > self.most:
+            return None
         label, level = " + ".join(h.label for h in held), _AS_GOOD * explanation.best.misfit
         made = [a for a in explanation.attempts if a.label == label and explained(a)]
         if not again and any(a.misfit < level for a in made):

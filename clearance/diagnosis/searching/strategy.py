@@ -40,6 +40,7 @@ def find_explanation(
         most: effects that may be missing together.
         keep: called after each step with what was found so far.
     """
+    search.most = most
     begin_shaking(search, explanation)
     if not explained(explanation.best):
         search_all(search, explanation, most, keep)

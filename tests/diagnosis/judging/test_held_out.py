@@ -66,6 +66,29 @@ def test_what_the_nominal_machine_explains_as_well_on_held_out_recordings_is_wit
     assert judged.withdrawn == (["gravity"] if withdrawn else [])
 
 
+@pytest.mark.parametrize(("left", "withdrawn"), [(1.0, False), (0.9, True)])
+def test_what_held_out_recordings_do_not_show_stands_where_the_nominal_machine_fails(
+    monkeypatch, left, withdrawn
+):
+    """A sensor that clips at the higher speed alone, of two recordings, says nothing at the lower one."""
+    found, machine = attempt(["sensor_saturation"], 1.0, "instrument"), attempt([], 50.0)
+    errors = {"sensor_saturation": 1.0, "nominal": left}
+    noise = np.random.default_rng(5).standard_normal((4000, 2))
+
+    def innovations(one, joint, floor=None):
+        flat = np.zeros(len(noise))
+        return [Innovations(errors[one.label] * noise, flat, flat > 0, flat > 0, ("a", "b"), 1e4)]
+
+    there = {one.label: attempt([h.name for h in one.hypotheses], 1.0) for one in (found, machine)}
+    found.hypotheses[0].label = found.label
+    monkeypatch.setattr(judging, "_held_out", lambda held_out, search, one, beside=None: there[one.label])
+    monkeypatch.setattr(judging, "ask", lambda *_: None)
+    monkeypatch.setattr(judging, "innovations", innovations)
+    search = SimpleNamespace(report=lambda _: None, setting=SimpleNamespace(joint="C"), late=lambda: False)
+    judge([], search, Explanation(machine, [found]))
+    assert found.withdrawn == withdrawn
+
+
 @pytest.mark.parametrize(
     ("both", "shares", "expected"),
     [

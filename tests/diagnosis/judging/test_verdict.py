@@ -160,6 +160,22 @@ def test_what_leaves_most_of_something_small_is_not_asserted(left, expected):
     assert verdict_of(explanation) == expected
 
 
+def test_an_explanation_that_was_fitted_twice_is_one_rival():
+    best = attempt(["gravity"], 1.0)
+    once, again = attempt(["guide_friction"], 1.0006), attempt(["guide_friction"], 1.0005)
+    assert equivalents(Explanation(attempt([], 50.0), [best, once, again])) == [best, again]
+
+
+@pytest.mark.parametrize(
+    ("kinds", "expected"), [(["physics"], "physics"), (["physics", "instrument"], "mixed")]
+)
+def test_what_the_motion_shows_is_of_the_kinds_that_it_is_made_of(kinds, expected):
+    shown = attempt(["guide_clearance", "timebase"][: len(kinds)], 90.0)
+    for hypothesis, kind in zip(shown.hypotheses, kinds, strict=True):
+        hypothesis.kind = kind
+    assert verdict_of(Explanation(attempt([], 50.0), shown=shown)) == expected
+
+
 def test_an_explanation_that_only_adds_to_the_best_one_is_no_rival():
     best, longer = attempt(["slider_spring"], 1.0), attempt(["torque_ripple", "slider_spring"], 1.0)
     found = equivalents(Explanation(attempt([], 50.0), [best, longer]))
@@ -340,7 +356,7 @@ def test_what_the_motion_alone_shows_is_said_to_be_no_more_than_that():
     assert "what else may be missing" in told[0]
     assert "errors remain (8, floor 1.00)" in told[1]
     explanation.rails = Rails(1e-4, 7e-5, np.array([1e-7, 1e-7]), followed=True)
-    assert basis_of(explanation) == "one recording"
+    assert basis_of(explanation) == clearance_of(explanation)[1] == "one recording"
     assert "One recording was followed" in sentences("physics", explanation, "C", fit, ["slider_vertical"])[0]
 
 

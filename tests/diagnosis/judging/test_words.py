@@ -10,7 +10,7 @@ from clearance.diagnosis.hypotheses.free_form import FREE_FORM
 from clearance.diagnosis.judging import words
 from clearance.diagnosis.judging.verdict import Estimate
 from clearance.diagnosis.judging.words import sentences
-from clearance.diagnosis.searching.explanation import Explanation, Worked
+from clearance.diagnosis.searching.explanation import Explanation, Suspected, Worked
 from tests.diagnosis.judging.test_verdict import attempt, known
 
 
@@ -64,3 +64,38 @@ def test_beside_a_table_that_explains_little_the_balance_says_where_it_acts(monk
     said = sentences("unknown", explanation, "C", held, ["rod_b_axial"])
     assert said[0] == "A table."
     assert ("all but 29%" in " ".join(said)) == told
+
+
+@pytest.mark.parametrize(
+    ("misfit", "held_out", "expected"),
+    [
+        (54.0, None, "explains a part of the recordings"),
+        (12.0, None, "explains most of the recordings"),
+        (1.0, 1.0, "explains the recordings"),
+        (1.0, 20.0, "explains the fitted ones of the recordings"),
+    ],
+)
+def test_of_a_table_it_is_said_how_much_it_explains(monkeypatch, misfit, held_out, expected):
+    table, nominal = attempt([FREE_FORM], misfit), attempt([], 60.0)
+    nominal.model.machine = lambda _: None
+    for one in (nominal, table):
+        one.fit.values = np.array([[3e-4, 700.0]])
+    (curve,) = table.hypotheses
+    curve.body, curve.direction, curve.start = "crank", "torque", None
+    curve.apply = lambda *_: SimpleNamespace(force=None)
+    known(monkeypatch, lambda a: [Estimate(3e-4, 3e-4, 3e-4)] * 2)
+    explanation = Explanation(nominal, [table], suspected=Suspected("slider", "x", 3.0))
+    held = {"held_out": {"before": 2.0, "after": 1.9}}
+    beside = None if held_out is None else attempt([FREE_FORM], held_out)
+    said = sentences("unknown", explanation, "C", held, ["rod_b_axial"], beside)
+    assert expected in said[0]
+    assert ("a force on the slider, along x comes nearer" in " ".join(said)) == (misfit > 1.35)
+
+
+def test_what_shows_in_the_fitted_recordings_alone_is_told_by_their_errors(monkeypatch):
+    nominal = attempt([], 50.0)
+    nominal.fit.values = np.array([[3e-4, 700.0]])
+    known(monkeypatch, lambda _: [Estimate(3e-4, 3e-4, 3e-4)])
+    fit = {"held_out": {"before": 1.0, "after": 1.0}}
+    told = sentences("unknown", Explanation(nominal), "C", fit, ["rod_c_axial"])
+    assert "errors are 7.07 times those of a perfect one, where it was fitted." in told[0]

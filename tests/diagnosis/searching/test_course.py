@@ -392,21 +392,20 @@ def test_lobes_are_read_off_the_motion_where_a_look_promises_them_or_no_force_he
 def test_rails_beyond_doubt_come_before_any_force_and_are_not_followed_twice(
     monkeypatch, fruitless, misfit, seen, expected
 ):
-    def guide(search, explanation, most=1.0, together=True):
+    def guide(search, explanation, most=1.0):
         asked.append("guide" if most == 1.0 else "rails")
-        assert together == (most_effects > 1)
         return seen
 
-    asked, most_effects = [], 1
+    asked = []
     monkeypatch.setattr(fruitless + "begin_guide", guide)
     monkeypatch.setattr(fruitless + "begin_balanced", lambda *_: asked.append("balance") or [])
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
-    search_all(search, Explanation(attempt([], misfit)), most_effects, lambda _: None)
+    search_all(search, Explanation(attempt([], misfit)), 1, lambda _: None)
     assert [one for one in asked if misfit > 20.0 or one != "balance"] == expected
 
 
 def test_rails_are_looked_for_by_the_clock_that_the_motion_accuses(monkeypatch, fruitless):
-    def guide(search, explanation, shown=None, most=1.0, together=True):
+    def guide(search, explanation, shown=None, most=1.0):
         asked.append(shown)
         return shown is not None
 

@@ -108,7 +108,7 @@ def rails(monkeypatch, suggested):
         hypotheses=(), model=SimpleNamespace(shared=1), fit=SimpleNamespace(values=np.array([[2e-4, 700.0]]))
     )
     search = SimpleNamespace(
-        setting=setting, profile=None, recordings=[SimpleNamespace(channels=())], late=lambda: False
+        setting=setting, profile=None, recordings=[SimpleNamespace(channels=())], late=lambda: False, most=2
     )
     return search, SimpleNamespace(nominal=nominal, rails=None), tried
 
@@ -119,21 +119,22 @@ def force(name, cost):
 
 
 @pytest.mark.parametrize(
-    ("costs", "together", "expected"),
+    ("costs", "most", "expected"),
     [
-        ([3.3, 3.8, 3.9], True, ["soft_drive", "rod_inertia", ""]),
-        ([6.0, 6.1, 6.2], True, [""]),  # as much as strikes leave
-        ([2.0, 3.8, 3.9], True, ["soft_drive"]),  # beyond doubt
-        ([3.3, 3.8, 3.9], False, [""]),
+        ([3.3, 3.8, 3.9], 2, ["soft_drive", "rod_inertia", ""]),
+        ([6.0, 6.1, 6.2], 2, [""]),  # as much as strikes leave
+        ([2.0, 3.8, 3.9], 2, ["soft_drive"]),  # beyond doubt
+        ([3.3, 3.8, 3.9], 1, [""]),
     ],
 )
 def test_between_rails_recordings_are_followed_with_the_forces_that_go_with_these(
-    monkeypatch, costs, together, expected
+    monkeypatch, costs, most, expected
 ):
     named = zip(["soft_drive", "rod_inertia", "rod_inertia"], costs, strict=True)
     suggested = Suggested([force(*one) for one in named], balanced=False, lacking=10.0)
     search, explanation, tried = rails(monkeypatch, suggested)
-    assert begin_guide(search, explanation, together=together)
+    search.most = most
+    assert begin_guide(search, explanation)
     names = [tuple(["guide_clearance", *([one] if one else [])]) for one in expected]
     assert [one for one, _ in tried[: len(names)]] == names
     assert tried[0][1] == pytest.approx([1e-4, 7e-5, *([5.0] if expected[0] else []), 700.0])
@@ -159,3 +160,5 @@ def test_forces_that_are_known_are_not_asked_for(monkeypatch):
     known = [SimpleNamespace(name="torque_ripple")]
     assert begin_guide(search, explanation, None, known, np.array([0.5]))
     assert {one for one, _ in tried} == {("guide_clearance", "torque_ripple")}
+    search.most = 1
+    assert not begin_guide(search, explanation, None, known, np.array([0.5]))
