@@ -174,7 +174,8 @@ def environment() -> dict[str, Any]:
 
 def hardware(environment: Mapping[str, Any]) -> str:
     """What computed, of an ``environment``: the GPU, or the processor and its threads."""
-    return environment["gpu"] or f"{environment['processor']}, {environment['threads']} threads"
+    threads = environment["threads"]
+    return environment["gpu"] or f"{environment['processor']}, {threads} thread{'s' if threads != 1 else ''}"
 
 
 def _processor() -> str:

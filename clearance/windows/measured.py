@@ -116,10 +116,10 @@ def _entries(path: Path) -> list[dict[str, Any]]:
         isinstance(entries, list) and entries and all(isinstance(e, dict) and e.get("path") for e in entries)
     ):
         raise InputError(f"{path}: must be a list of entries, each with a path; set data.source.path")
-    name, times = Counter(str(entry["path"]) for entry in entries).most_common(1)[0]
+    name, times = Counter((path.parent / str(entry["path"])).resolve() for entry in entries).most_common(1)[0]
     if times > 1:
         raise InputError(
-            f"{path}: {name} occurs {times} times: a model might be tested on what it was trained on; "
+            f"{path}: {name.name} occurs {times} times: a model might be tested on what it was trained on; "
             "leave one entry in the list"
         )
     return entries

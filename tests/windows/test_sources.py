@@ -118,9 +118,10 @@ def test_what_is_wrong_with_a_recording_of_a_list_names_its_file(measured, campa
 
 def test_a_recording_that_is_listed_twice_is_refused(measured):
     wrong = measured.with_name("twice.csv")
-    wrong.write_text(measured.read_text() + "\n3.parquet,0,1e-4,60,\n")
-    with pytest.raises(InputError, match=r"twice\.csv: 3\.parquet occurs 2 times: .*; leave one entry"):
-        loaded("data=measured", f"data.source.path={wrong}")
+    for again in ("3.parquet", "./3.parquet"):
+        wrong.write_text(measured.read_text() + f"\n{again},0,1e-4,60,\n")
+        with pytest.raises(InputError, match=r"twice\.csv: 3\.parquet occurs 2 times: .*; leave one entry"):
+            loaded("data=measured", f"data.source.path={wrong}")
 
 
 def test_a_speed_that_is_no_number_is_named(measured):

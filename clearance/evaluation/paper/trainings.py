@@ -148,15 +148,15 @@ def finished_trainings(folder: Path) -> list[Finished]:
     """All finished trainings below ``folder``.
 
     Raises:
-        InputError: two of them are the same training at different scales.
+        InputError: two of them are the same training, twice or at different scales.
     """
     found: dict[Training, Finished] = {}
     for path in sorted(folder.rglob(METRICS)):
         one = Finished.of(path.parent)
         if one.training in found:
             raise InputError(
-                f"runs = {folder}: {found[one.training].path} and {one.path} are the same training at "
-                "different scales; set runs to a folder with one scale"
+                f"runs = {folder}: {found[one.training].path} and {one.path} are the same training, twice or "
+                "at different scales; set runs to a folder with one of them"
             )
         found[one.training] = one
     return list(found.values())
