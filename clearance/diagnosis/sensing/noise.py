@@ -46,13 +46,14 @@ def noise_level(values: np.ndarray, signal: int, limit: float = np.inf) -> float
         estimate = np.sqrt(np.quantile(power.mean(axis=1), 0.25) / 0.42)
     else:
         estimate = np.median(np.abs(np.diff(values, 3))) / 0.6745 / np.sqrt(20.0)
-        steps = np.abs(np.diff(values))
-        if (steps > 0.0).any():  # of coarse counts most third differences are zero
-            estimate = max(estimate, steps[steps > 0.0].min() / np.sqrt(12.0))
     if signal == Signal.CRANK_ANGLE:
         counts = encoder_counts(values)
         least = 2.0 * np.pi / (counts or ENCODER_COUNTS) / np.sqrt(12.0)
         if counts is not None and estimate < _ROUNDED * least:
             return rounding_noise(values, counts)
         estimate = max(estimate, least)
+    elif signal > Signal.CRANK_ANGLE:  # of coarse counts most third differences are zero
+        steps = np.abs(np.diff(values))
+        if (steps > 0.0).any():
+            estimate = max(estimate, steps[steps > 0.0].min() / np.sqrt(12.0))
     return float(max(estimate, 1e-6 * max(values.std(), 1e-6)))
