@@ -133,6 +133,9 @@ class Examiner:
             running.discard(process)
         if stopped.is_set():
             return
+        failure = failure and failure.replace(
+            f"{folder}/", ""
+        )  # is published; where it lay is nobody's business
         seconds = round(time.monotonic() - began, 1)
         # A copy, whole in one file: what a process of an earlier, killed trial still writes cannot change it.
         machine = place / CORRECTED

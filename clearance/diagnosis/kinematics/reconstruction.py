@@ -12,6 +12,7 @@ as white inputs, Gillijns & De Moor 2007, Automatica 43(1), 111-116.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -53,6 +54,7 @@ _SWAYING = 0.05  # of the frame's motion, where it follows from its parameters
 _SHAKEN = 0.2  # of the inertia forces over the mass of the frame
 _TURNING, _MOVING = 400.0, 2000.0  # rad/s^2, m/s^2: typical accelerations
 _BALANCE, _TORQUE_DRIFT = 0.02, 3.0  # N m; N m/s^0.5: how well the crank's torque balances, how it varies
+_PIECE = 60  # segments, about a turn of the crank at 10 kHz
 _AT_C = {Signal.ROD_C_TRANSVERSE, Signal.ROD_C_AXIAL}
 _GRAVITY = 5.0  # m/s^2 that the mechanism may lack
 
@@ -92,6 +94,9 @@ def reconstruct(
 ) -> Reconstruction:
     """Reconstruct the path of a machine whose joints have the clearances in ``parameters``.
 
+    Where it leads out of the links' reach, as by a clock that is wrong, it is put together from pieces: the
+    crank's phase, which gathers what does not agree, is told anew in each.
+
     Args:
         measured: the recording.
         parameters: (PARAMETERS,) of the machine.
@@ -99,7 +104,40 @@ def reconstruct(
         speed: mean crank speed [rad/s].
         angle: crank angle at the first sample [rad].
         samples: of the recording to use; all if ``None``.
+
+    Raises:
+        LinAlgError: the links do not reach in pieces either.
     """
+    segments = len(measured.values) if samples is None else -(-samples // SAMPLES)
+    try:
+        return _reconstruct(measured, parameters, joints, speed, angle, samples)
+    except np.linalg.LinAlgError:
+        if segments < 2 * _PIECE:
+            raise
+    ends = np.linspace(0, min(segments, len(measured.values)), segments // _PIECE + 1).astype(int)
+    found: list[Reconstruction] = []
+    for first, last in pairwise(ends):
+        piece = measured.part(int(first), int(last))
+        found.append(_reconstruct(piece, parameters, joints, speed, angle, None))
+        turned, now, *_ = found[-1].turning[:, -1]
+        angle = float(turned + now / measured.chain.rate)
+    return Reconstruction(
+        np.concatenate([one.nodes for one in found]), float(np.mean([one.misfit for one in found])),
+        float(np.median([one.force for one in found])), float(np.mean([one.speed for one in found])),
+        np.concatenate([one.across for one in found], axis=1), found[0].doubt,
+        np.concatenate([one.turning for one in found], axis=1),
+    )  # fmt: skip
+
+
+def _reconstruct(
+    measured: Measured,
+    parameters: np.ndarray,
+    joints: Sequence[str],
+    speed: float,
+    angle: float,
+    samples: int | None,
+) -> Reconstruction:
+    """The path in one piece; arguments as of ``reconstruct``."""
     values = measured.values.reshape(-1, len(measured.signals))[:samples]
     count, loose = len(values), len(joints)
     period = 1.0 / measured.chain.rate

@@ -8,9 +8,10 @@ import pytest
 
 from clearance.diagnosis.kinematics.agreement import Alignment, agreement, profile
 from clearance.diagnosis.kinematics.lift import Lift
-from clearance.diagnosis.kinematics.reconstruction import reconstruct
+from clearance.diagnosis.kinematics.reconstruction import _reconstruct, reconstruct
 from clearance.diagnosis.kinematics.rigid_motion import feel, slopes
 from clearance.diagnosis.kinematics.smoother import smooth
+from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.drive import SpeedControl
@@ -266,3 +267,19 @@ def test_a_machine_that_reaches_at_no_clearance_is_refused():
     measured, states = recorded(machine("C", 3e-4))
     with pytest.raises(np.linalg.LinAlgError, match="no clearance"):
         profile([measured], [aligned(states)], lambda c: replace(machine("C", c), guide_offset=0.0699), 1)
+
+
+def test_a_path_that_leads_out_of_reach_is_put_together_from_pieces():
+    """By a clock that is wrong the crank's phase gathers what accelerations and angle disagree in."""
+    measured, states = recorded(machine("C", 1e-4))
+    known = aligned(states)
+    fast = measured.undone(Instrument(timebase=0.1))
+    made = machine("C", 1e-4).parameters()
+    with pytest.raises(np.linalg.LinAlgError):
+        _reconstruct(fast, made, ("C",), known.speed, known.angle, None)
+    found = reconstruct(fast, made, ("C",), known.speed, known.angle)
+    assert found.nodes.shape[0] == len(fast.values)
+    assert found.turning.shape == (4, SAMPLES * len(fast.values))
+    assert np.isfinite(found.nodes).all()
+    turned = found.nodes[-1, State.CRANK_ANGLE] - found.nodes[0, State.CRANK_ANGLE]
+    assert turned == pytest.approx(known.speed * fast.seconds, rel=0.1)
