@@ -29,6 +29,7 @@ from clearance.errors import InputError
 from clearance.mechanism.applied_force import NoForce, TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
 
+_SURELY = 20.0  # fall of the cost that is no chance, though the quieter nine tenths do not show it
 _HARMED = 0.99  # of the held-out error with it: what leaves less without was harmed by it
 
 
@@ -78,7 +79,8 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
     What the nominal machine, or a part of it, explains as well there is withdrawn: it was made of chance, or
     stands in the place of something else. What is right lowers the errors there as it does where it was
     fitted; or it does not show there (a sensor that clips at higher speeds alone). So a machine that does not
-    explain what was fitted must be better there, not as good.
+    explain what was fitted must be better there, not as good. What shows in impacts alone, as a contact's
+    stiffness does, lowers the cost, of which they are a part, and not the errors of the quieter segments.
     """
     withdrawn: list[str] = []
     followed: list[tuple[Fit, Attempt]] = []  # on recordings without a clock: every round asks the same
@@ -111,7 +113,8 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
                 errors = innovations(alone, joint, after)
                 whole = min(alone.shares, default=1.0) == 1.0
                 most = root_mean_square(errors_after) * (1.0 if explained(one) else _HARMED)
-                if explained(alone) and whole and root_mean_square(errors) <= most:
+                as_well = root_mean_square(errors) <= most and not likelier(after, alone) > _SURELY
+                if explained(alone) and whole and as_well:
                     enough = one
                     break
         if enough is None:
@@ -124,6 +127,13 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
             # there is no time to judge others, and what is not judged is not asserted
             attempt.withdrawn |= more or (search.late() and attempt is not enough)
         ask(search, explanation)
+
+
+def likelier(one: Attempt, other: Attempt) -> float:
+    """By how much the cost of one attempt is below that of another on the same recordings; 0 on others."""
+    samples = [[p.samples for p in each.fit.passes] for each in (one, other)]
+    alike = one.scale == other.scale and samples[0] == samples[1]
+    return float(other.fit.cost - one.fit.cost) if alike else 0.0
 
 
 def _held_out(

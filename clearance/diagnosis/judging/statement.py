@@ -6,7 +6,7 @@ from typing import Any
 
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.judging.detectability import seen_beside
-from clearance.diagnosis.judging.held_out import Judged
+from clearance.diagnosis.judging.held_out import Judged, likelier
 from clearance.diagnosis.judging.mismatch import Innovations, interval, noticed, root_mean_square, summary
 from clearance.diagnosis.judging.play import clearance_of
 from clearance.diagnosis.judging.sensors import advice, calibrated_sensors, largest
@@ -119,6 +119,9 @@ def _held_out(judged: Judged, struck: Sequence[str], missed: Sequence[str]) -> d
         "before": root_mean_square(judged.errors_before), "after": root_mean_square(judged.errors_after),
         "floor": 1.0, "low": low, "high": high,
     }  # fmt: skip
+    gain = 0.5 * likelier(judged.after, judged.before)
+    if judged.after is not judged.before and gain != 0.0:
+        held["log_likelihood_gain"] = gain
     if struck:
         held["lost"] = struck
     if missed:

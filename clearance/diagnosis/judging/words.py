@@ -208,6 +208,12 @@ def _gain(explanation: Explanation, held: dict[str, Any]) -> str:
         )
     them = {0: "it", 1: "it", 2: "both"}.get(len(best.hypotheses), "all of them")
     if not held["after"] < HELPS * held["before"]:
+        gain = held.get("log_likelihood_gain", 0.0)
+        if gain > 0.0:
+            return (
+                f"Held-out errors of quiet segments stay as they are ({after}, floor 1.00); impacts "
+                f"included, those recordings are likelier with {them} (log-likelihood +{gain:.0f})"
+            )
         return (
             f"It does not help on held-out recordings, where errors are {after} with {them} and "
             f"{held['before']:.3g} without (floor 1.00)"

@@ -34,17 +34,19 @@ def test_a_machine_without_a_table_is_looked_for_in_every_recording():
 
 
 @pytest.mark.parametrize(
-    ("nominal", "errors", "withdrawn"),
+    ("nominal", "errors", "likelier", "withdrawn"),
     [
-        (1.3, {"nominal": 0.7, "gravity": 1.0}, True),  # made of chance
-        (1.3, {"nominal": 1.2, "gravity": 1.0}, False),
-        (1.3, {"nominal": 1.01, "gravity": 1.0}, False),
-        (1.3, {"nominal": 1.0, "gravity": 1.0}, True),  # held-out recordings show nothing of it
-        (50.0, {"nominal": 0.7, "gravity": 1.0}, False),  # the nominal machine's path was lost
+        (1.3, {"nominal": 0.7, "gravity": 1.0}, 0.0, True),  # made of chance
+        (1.3, {"nominal": 1.2, "gravity": 1.0}, 0.0, False),
+        (1.3, {"nominal": 1.01, "gravity": 1.0}, 0.0, False),
+        (1.3, {"nominal": 1.0, "gravity": 1.0}, 0.0, True),  # held-out recordings show nothing of it
+        (1.3, {"nominal": 1.0, "gravity": 1.0}, 500.0, False),  # but in impacts
+        (1.3, {"nominal": 1.0, "gravity": 1.0}, 10.0, True),  # by chance
+        (50.0, {"nominal": 0.7, "gravity": 1.0}, 0.0, False),  # the nominal machine's path was lost
     ],
 )
 def test_what_the_nominal_machine_explains_as_well_on_held_out_recordings_is_withdrawn(
-    monkeypatch, nominal, errors, withdrawn
+    monkeypatch, nominal, errors, likelier, withdrawn
 ):
     found, again, machine = attempt(["gravity"], 1.0), attempt(["gravity"], 1.01), attempt([], nominal)
     noise = np.random.default_rng(5).standard_normal((4000, 2))
@@ -53,6 +55,9 @@ def test_what_the_nominal_machine_explains_as_well_on_held_out_recordings_is_wit
         flat = np.zeros(len(noise))
         return [Innovations(errors[one.label] * noise, flat, flat > 0, flat > 0, ("a", "b"), 1e4)]
 
+    for one in (found, again, machine):
+        one.fit.cost = 10_000.0
+    machine.fit.cost += likelier
     monkeypatch.setattr(judging, "_held_out", lambda held_out, search, one, beside=None: one)
     monkeypatch.setattr(judging, "ask", lambda *_: None)
     monkeypatch.setattr(judging, "innovations", innovations)
@@ -102,6 +107,7 @@ def test_a_second_effect_that_held_out_recordings_do_not_need_is_withdrawn(
 ):
     nominal, one = attempt([], 50.0), attempt(["gravity"], 1.04)
     pair, other = attempt(["gravity", "restitution"], 0.92), attempt(["gravity", "rod_inertia"], 0.93)
+    pair.fit.cost = other.fit.cost = one.fit.cost
     one.shares = shares
     errors = {id(nominal): 9.0, id(one): 1.0, id(pair): both, id(other): both}
     for each in (nominal, one, pair, other):
@@ -139,6 +145,7 @@ def test_held_out_recordings_are_followed_once_a_fit_and_no_other_is_judged_when
 ):
     nominal, one, other = attempt([], 1.3), attempt(["gravity"], 1.0), attempt(["restitution"], 1.01)
     for each in (nominal, one, other):
+        each.fit.cost = 10_000.0
         each.label = " + ".join(h.name for h in each.hypotheses) or "nominal"
         for hypothesis in each.hypotheses:
             hypothesis.label = hypothesis.name
