@@ -174,8 +174,10 @@ def environment() -> dict[str, Any]:
 
 def hardware(environment: Mapping[str, Any]) -> str:
     """What computed, of an ``environment``: the GPU, or the processor and its threads."""
+    if environment["gpu"]:
+        return str(environment["gpu"])
     threads = environment["threads"]
-    return environment["gpu"] or f"{environment['processor']}, {threads} thread{'s' if threads != 1 else ''}"
+    return f"{environment['processor']}, {threads} thread{'s' if threads != 1 else ''}"
 
 
 def _processor() -> str:
