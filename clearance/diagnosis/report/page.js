@@ -223,7 +223,7 @@ function checks() {
       stage.replaceChildren();
       const [name, values] = lags[index];
       curves(stage, { label: `Autocorrelation of ${words(name)}`, zoom: false, x: { label: "lag in samples" }, panels: [{ label: words(name), height: 140, zero: true, rules: [],
-        series: [{ name: "r", label: "autocorrelation", style: "after", x: values.map((_, at) => at), y: values }] }] });
+        series: [{ name: "r", label: "autocorrelation", style: "after", x: values.map((_, at) => at + 1), y: values }] }] });
     };
     if (lags.length > 1) box.append(h("div", { class: "controls" }, picker("Channel", lags.map(([name]) => words(name)), show)));
     box.append(stage);
