@@ -98,8 +98,9 @@ def diagnose(
         recordings, settings, effects, speed_range, workers, say, deadline, finished
     )
     keep(explanation)
+    search.most = most
     try:
-        find_explanation(search, explanation, most, keep)
+        find_explanation(search, explanation, keep)
         stopped = search.stopped
         search.stopped, search.deadline = "", started + time_limit  # of judging
     except KeyboardInterrupt:

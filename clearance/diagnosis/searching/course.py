@@ -55,11 +55,9 @@ _RAILED = 0.35  # of the motion's disagreement: rails that leave less come befor
 _PAIRS = 3  # pairs that are fitted
 
 
-def search_all(
-    search: Search, explanation: Explanation, most: int, keep: Callable[[Explanation], None]
-) -> None:
+def search_all(search: Search, explanation: Explanation, keep: Callable[[Explanation], None]) -> None:
     """Try one step after another until the recordings are explained; arguments as of ``find_explanation``."""
-    course = Course(search, explanation, most)
+    course = Course(search, explanation)
     for step in STEPS:
         if not course.over():
             step(course)
@@ -83,8 +81,8 @@ class Course:
         curved, explored: whether forces of free form, and effects that no linear look can judge, were tried.
     """
 
-    def __init__(self, search: Search, explanation: Explanation, most: int) -> None:
-        self.search, self.explanation, self.most = search, explanation, most
+    def __init__(self, search: Search, explanation: Explanation) -> None:
+        self.search, self.explanation = search, explanation
         self.nominal = explanation.nominal
         self.prospects = look(search, explanation, self.nominal)
         self.built_on: list[Attempt] = []
@@ -133,7 +131,7 @@ class Course:
     def dimension(self) -> None:
         """A dimension without which the motion hardly agrees."""
         if self.nominal.misfit > FAR:
-            self.displaced = begin_displaced(self.search, self.explanation, self._dimensions, self.most)
+            self.displaced = begin_displaced(self.search, self.explanation, self._dimensions)
 
     def rails(self) -> None:
         """A guide that is loose beyond doubt by the motion, or by it with a clock that it accuses."""
@@ -149,7 +147,7 @@ class Course:
     def balance(self) -> None:
         """Where the path is far, what gives the torque that the motion needs."""
         if self.nominal.misfit >= NEARLY:
-            self.pushed.extend(begin_balanced(self.search, self.explanation, self.most))
+            self.pushed.extend(begin_balanced(self.search, self.explanation))
             best = self.explanation.best
             # a table that leaves little, or has another period by now, is more than what led its path
             table = unnamed(best.hypotheses) is not None
@@ -168,7 +166,7 @@ class Course:
     def motion(self) -> None:
         """A guide that is loose, and dimensions that the motion alone points at."""
         if self.explanation.rails is None:  # on a frame that gives way they were looked for before
-            part = unfinished(self.explanation, self.most)
+            part = unfinished(self.explanation, self.search.most)
             drives = part in self.built_on and part.hypotheses[0].name not in GEOMETRIC and _sound(part)
             if drives:
                 sizes = part.fit.values[0, 1 : part.model.shared]
@@ -176,7 +174,7 @@ class Course:
             elif not self.railed:
                 begin_guide(self.search, self.explanation)
         if not self._settled():
-            begin_dimensions(self.search, self.explanation, self._dimensions, self.displaced, self.most)
+            begin_dimensions(self.search, self.explanation, self._dimensions, self.displaced)
 
     def curve_near(self) -> None:
         """Forces of free form beside a near path, where a look has judged names and tells bodies apart."""
@@ -196,13 +194,13 @@ class Course:
 
     def together(self) -> None:
         """Pairs that give the torque which the motion needs."""
-        if self.most > 1 and self.nominal.misfit > FAR and not (self.built_on or self._settled()):
+        if self.search.most > 1 and self.nominal.misfit > FAR and not (self.built_on or self._settled()):
             begin_pairs(self.search, self.explanation, self.pushed)
 
     def balance_near(self) -> None:
         """The same as ``balance`` where names are cheaper by a look, and tables finer here than there."""
         if self.nominal.misfit < NEARLY and not self._settled():
-            self.pushed.extend(begin_balanced(self.search, self.explanation, self.most))
+            self.pushed.extend(begin_balanced(self.search, self.explanation))
 
     def inside(self) -> None:
         """Where no force gives the torque, a worn bearing, and effects that no linear look can judge."""
@@ -283,12 +281,12 @@ class Course:
 
     def build_on(self, part: float = PART) -> None:
         """Beside what explains a good part, the next one, and so on."""
-        with set_aside(self.explanation, self.most):
-            before, base = self.nominal, unfinished(self.explanation, self.most)
+        with set_aside(self.explanation, self.search.most):
+            before, base = self.nominal, unfinished(self.explanation, self.search.most)
             while (
                 base not in self.built_on
                 and in_part(self.explanation, base, before, part)
-                and len(base.hypotheses) < self.most
+                and len(base.hypotheses) < self.search.most
             ):
                 self.built_on.append(base)
                 if base is self.explanation.best:
@@ -297,10 +295,10 @@ class Course:
                         begin_again(self.search, self.explanation)  # the smaller variant may have torn paths
                 if self.over():
                     return
-                beside = self._try_beside(unfinished(self.explanation, self.most))
+                beside = self._try_beside(unfinished(self.explanation, self.search.most))
                 if beside is None:
                     return
-                before, base = beside, unfinished(self.explanation, self.most)
+                before, base = beside, unfinished(self.explanation, self.search.most)
 
     def _try_beside(self, base: Attempt) -> Attempt | None:
         """Try what may be missing beside an attempt, or beside a better one that a table in its place led to.
@@ -314,8 +312,8 @@ class Course:
             tables = reshape(search, explanation, base)
             if self.over():
                 return None
-            if base is not unfinished(explanation, self.most):
-                base = unfinished(explanation, self.most)
+            if base is not unfinished(explanation, self.search.most):
+                base = unfinished(explanation, self.search.most)
                 beside = look(search, explanation, base)
         begin_beside(search, explanation, base)
         if self._settled(base):

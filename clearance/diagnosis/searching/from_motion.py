@@ -23,7 +23,7 @@ _LESS_CLEARANCE = (1.0, 0.94, 0.88)  # than the motion shows beside a dimension
 
 
 def begin_displaced(
-    search: Search, explanation: Explanation, dimensions: Sequence[Dimension], most: int
+    search: Search, explanation: Explanation, dimensions: Sequence[Dimension]
 ) -> Dimension | None:
     """Fit a dimension without which the motion hardly agrees, first with what the work then lacks.
 
@@ -33,7 +33,6 @@ def begin_displaced(
         search: after its nominal stage.
         explanation: added to.
         dimensions: of ``suggest_dimensions``.
-        most: effects that may be missing together.
 
     Returns:
         The one that was tried, if one was.
@@ -42,7 +41,7 @@ def begin_displaced(
     if one is None or one.share > _DISPLACED:
         return None
     nominal, size = explanation.nominal, np.array([one.value])
-    force = _beside_dimension(search, one, most)
+    force = _beside_dimension(search, one)
     if force is not None:
         sizes = np.append(size, force.values)
         held = [one.hypothesis, *force.hypotheses]
@@ -54,16 +53,16 @@ def begin_displaced(
     return one
 
 
-def _beside_dimension(search: Search, one: Dimension, most: int) -> Balanced | None:
+def _beside_dimension(search: Search, one: Dimension) -> Balanced | None:
     """What the balance of work lacks in a machine with another dimension, if it can be settled with it.
 
-    No more effects than ``most`` together with the dimension.
+    No more effects than ``search.most`` together with the dimension.
     """
     setting = search.setting.added([one.hypothesis], np.array([one.value]))
     try:
         suggested = suggest_forces(search, setting, one.clearance, named=True)
         forces = [] if suggested is None else suggested.forces
-        force = next((force for force in forces if len(force.hypotheses) < most), None)
+        force = next((force for force in forces if len(force.hypotheses) < search.most), None)
         return None if force is None else settle_in(search, setting, force)
     except (InputError, np.linalg.LinAlgError):
         return None
@@ -95,7 +94,6 @@ def begin_dimensions(
     explanation: Explanation,
     dimensions: Sequence[Dimension],
     tried: Dimension | None,
-    most: int,
 ) -> None:
     """Fit dimensions and faults with which the motion alone agrees better, on paths that are sought anew.
 
@@ -107,7 +105,6 @@ def begin_dimensions(
         explanation: added to.
         dimensions: of ``suggest_dimensions``.
         tried: one of them, of ``begin_displaced``: it is fitted beside what was found since, and no more.
-        most: effects that may be missing together.
     """
     nominal, part = explanation.nominal, explanation.best
     for one in dimensions:
@@ -119,11 +116,11 @@ def begin_dimensions(
         if one.hypothesis.fault is not None:
             continue
         new = part.hypotheses and all(not same(one.hypothesis, held) for held in part.hypotheses)
-        if new and part.misfit < HALFWAY * nominal.misfit and len(part.hypotheses) < most:
+        if new and part.misfit < HALFWAY * nominal.misfit and len(part.hypotheses) < search.most:
             more, clearance, rhythm = part.hypotheses, one.clearance, rhythm_of(part)
             values = part.fit.values[0, 1 : part.model.shared]
         else:
-            force = None if one is tried else _beside_dimension(search, one, most)
+            force = None if one is tried else _beside_dimension(search, one)
             if force is None:
                 continue
             more, values, clearance = force.hypotheses, force.values, force.clearance

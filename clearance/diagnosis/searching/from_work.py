@@ -29,8 +29,8 @@ _WORN = 0.85  # of the motion's disagreement: beside such a name lobes that leav
 _NO_LESS = 0.9  # of what a name leaves of the imbalance: a table that leaves more says no more
 
 
-def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[Balanced]:
-    """Fit effects that give the torque that the motion needs, ``most`` together.
+def begin_balanced(search: Search, explanation: Explanation) -> list[Balanced]:
+    """Fit effects that give the torque that the motion needs, up to ``search.most`` together.
 
     Returns:
         Two effects that give it together and were not tried, the best first; see ``begin_pairs``.
@@ -52,7 +52,7 @@ def begin_balanced(search: Search, explanation: Explanation, most: int) -> list[
         for one in suggested.forces
         if len(one.hypotheses) == 1 and one.curve is None
     ]
-    balancing = _Balancing(search, explanation, suggested, most)
+    balancing = _Balancing(search, explanation, suggested)
     balancing.run()
     return balancing.pairs
 
@@ -64,12 +64,12 @@ class _Balancing:
         pairs: two effects that were not tried yet.
     """
 
-    def __init__(self, search: Search, explanation: Explanation, suggested: Suggested, most: int) -> None:
-        self.search, self.explanation, self.suggested, self.most = search, explanation, suggested, most
+    def __init__(self, search: Search, explanation: Explanation, suggested: Suggested) -> None:
+        self.search, self.explanation, self.suggested = search, explanation, suggested
         self.pairs = suggested.pairs
-        self._together = _clear_pairs(suggested) if most > 1 else []
+        self._together = _clear_pairs(suggested) if search.most > 1 else []
         self._names: list[set[str]] = []  # that were tried
-        self._sure = suggested.sure if most > 1 else None  # beside which the motion was not asked yet
+        self._sure = suggested.sure if search.most > 1 else None  # beside which the motion was not asked yet
         self._named_cost = np.inf  # what the best name that explains a share leaves of the imbalance
 
     def run(self) -> None:
@@ -91,7 +91,7 @@ class _Balancing:
         """One variant of each effect, one argument of a force without a name; not many of each."""
         tables: list[str] = []
         for one in self.suggested.forces:
-            if len(one.hypotheses) > self.most:
+            if len(one.hypotheses) > self.search.most:
                 continue
             names = {hypothesis.name for hypothesis in one.hypotheses}
             if one.curve is None and names not in self._names and len(self._names) < _FITTED:
@@ -139,7 +139,7 @@ class _Balancing:
         They do no work, so that the balance knows the name as well without them; a path that lacks them leads
         its values astray.
         """
-        if one is not self._sure or len(one.hypotheses) == self.most or self.search.late():
+        if one is not self._sure or len(one.hypotheses) == self.search.most or self.search.late():
             return
         self._sure, search, explanation = None, self.search, self.explanation
         try:
@@ -155,7 +155,7 @@ class _Balancing:
 
     def _one_of_two(self, one: Balanced) -> bool:
         """Whether beside an effect that is surely there, alone or as one of two, a second one helps."""
-        if self.most < 2 or not _clear(one, self.suggested):
+        if self.search.most < 2 or not _clear(one, self.suggested):
             return False
         own = [p for p in self.pairs if any(same(h, one.hypotheses[0]) for h in p.hypotheses)]
         begin_pairs(self.search, self.explanation, own)

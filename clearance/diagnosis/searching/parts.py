@@ -21,7 +21,7 @@ def named(explanation: Explanation) -> Attempt:
     return best if unnamed(best.hypotheses) is not None and little else without
 
 
-def unfinished(explanation: Explanation, most: int) -> Attempt:
+def unfinished(explanation: Explanation, most: float) -> Attempt:
     """As ``named``; where that has as many effects as may be missing, the best one with fewer.
 
     A second effect beside a right first one may take away some of what another one does, and not be there.
@@ -34,7 +34,7 @@ def unfinished(explanation: Explanation, most: int) -> Attempt:
 
 
 @contextmanager
-def set_aside(explanation: Explanation, most: int) -> Iterator[None]:
+def set_aside(explanation: Explanation, most: float) -> Iterator[None]:
     """Within it no effects stand that are as many as may be missing and do not explain: others are sought."""
     aside = [a for a in explanation.standing if len(a.hypotheses) >= most and not explained(a)]
     for one in aside:

@@ -28,7 +28,7 @@ _RIVAL = 0.5  # of what lobes promise: others that promise less are not tried
 _TURNS = 0.5 * np.pi * np.arange(4)  # of lobes' phase from what a linear look says
 
 
-def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
+def scrutinise(search: Search, explanation: Explanation) -> None:
     """Look beside what explains the recordings for what is small but sure, until nothing is.
 
     Where a linear look finds nothing that helps, impacts that are torn are asked. What is found beside the
@@ -37,10 +37,9 @@ def scrutinise(search: Search, explanation: Explanation, most: int) -> None:
     Args:
         search: with its recordings.
         explanation: added to.
-        most: effects that may be asserted together.
     """
     best = explanation.best
-    while explained(best) and len(best.hypotheses) < most and unnamed(best.hypotheses) is None:
+    while explained(best) and len(best.hypotheses) < search.most and unnamed(best.hypotheses) is None:
         if search.late() and explanation.hints:
             return
         found = screen(best, search.others(best), search.workers)

@@ -20,9 +20,7 @@ from clearance.diagnosis.searching.tables import sharpen
 _BODIES = ("crank", "rod", "slider")  # on which effects that no linear look can judge may do the same
 
 
-def find_explanation(
-    search: Search, explanation: Explanation, most: int, keep: Callable[[Explanation], None]
-) -> None:
+def find_explanation(search: Search, explanation: Explanation, keep: Callable[[Explanation], None]) -> None:
     """Find what explains the recordings, with as few effects as it takes.
 
     A frame that its sensors feel shaking comes first, then the steps of a ``Course``. Where something is
@@ -37,13 +35,11 @@ def find_explanation(
     Args:
         search: after its nominal stage.
         explanation: with the nominal attempt; added to.
-        most: effects that may be missing together.
         keep: called after each step with what was found so far.
     """
-    search.most = most
     begin_shaking(search, explanation)
     if not explained(explanation.best):
-        search_all(search, explanation, most, keep)
+        search_all(search, explanation, keep)
     if explanation.best.misfit > ROOM and not search.late():
         place_edges(search, explanation)
         if explained(explanation.best):
@@ -51,8 +47,8 @@ def find_explanation(
         sharpen(search, explanation)
     confirm(search, explanation)
     confirmed = explanation.best
-    scrutinise(search, explanation, most)
-    if incomplete(explanation.best) and len(explanation.best.hypotheses) < most and not search.late():
+    scrutinise(search, explanation)
+    if incomplete(explanation.best) and len(explanation.best.hypotheses) < search.most and not search.late():
         begin_elsewhere(search, explanation, explanation.best)
     retry_nominal(search, explanation)
     if unsettled(explanation) and not search.late():
@@ -62,7 +58,7 @@ def find_explanation(
         if unsettled(explanation) or (table is not None and table.body in _BODIES):
             begin_elsewhere(search, explanation, explanation.nominal)
         if explanation.best.hypotheses:
-            scrutinise(search, explanation, most)
+            scrutinise(search, explanation)
     if explanation.best is not confirmed or incomplete(explanation.best):
         confirm(search, explanation, at_last=True)
     hear(explanation)

@@ -42,7 +42,8 @@ def number(finished, label, make):
 def run(measured, folder, report=lambda _: None):
     effects = load_effects(["gravity"], [])
     search, explanation, _ = locate_joint([measured], [SETTING], effects, SPEEDS, 1, report, finished=folder)
-    find_explanation(search, explanation, 1, lambda _: None)
+    search.most = 1
+    find_explanation(search, explanation, lambda _: None)
     return search, explanation
 
 

@@ -81,7 +81,8 @@ def test_a_sensor_that_the_motion_accuses_comes_before_forces(monkeypatch, misfi
     monkeypatch.setattr(course + "suggest_channels", lambda _: {"rod_b_axial": left})
     monkeypatch.setattr(course + "deafen", lambda *of: asked.append(of[3]))
     monkeypatch.setattr(course + "begin_balanced", lambda *_: asked.append("balance") or [])
-    search_all(search, Explanation(nominal), 3, lambda _: None)
+    search.most = 3
+    search_all(search, Explanation(nominal), lambda _: None)
     assert asked == [*expected, *([] if expected else ["balance"])]
 
 
@@ -119,7 +120,8 @@ def test_two_parts_that_do_not_explain_are_followed_on_paths_of_their_own(monkey
     monkeypatch.setattr(course + "widen", widen)
     monkeypatch.setattr(course + "begin_again", lambda _, found: again.append(found.best.label))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(again) > 0)
-    search_all(search, explanation, 3, lambda _: None)
+    search.most = 3
+    search_all(search, explanation, lambda _: None)
     assert again == expected
 
 
@@ -140,7 +142,8 @@ def test_what_promises_most_beside_a_part_comes_before_a_table_in_its_place(
     monkeypatch.setattr(fruitless + "begin_beside", lambda *_: asked.append("balance"))
     monkeypatch.setattr(fruitless + "widen", lambda *of: asked.append("beside") if of[3] == [hint] else None)
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(asked) > 2)
-    search_all(search, Explanation(nominal, [gravity]), 3, lambda _: None)
+    search.most = 3
+    search_all(search, Explanation(nominal, [gravity]), lambda _: None)
     assert asked[:3] == expected
 
 
@@ -174,7 +177,8 @@ def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkey
     )
     monkeypatch.setattr(course + "begin_wear", lambda *_: asked.append("wear"))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(asked) > 2)
-    search_all(search, Explanation(nominal, [gravity]), 3, lambda _: None)
+    search.most = 3
+    search_all(search, Explanation(nominal, [gravity]), lambda _: None)
     assert asked == expected
 
 
@@ -257,7 +261,8 @@ def test_what_acts_inside_the_joint_is_tried_beside_a_part_that_is_far(
     clock.fit.values = np.zeros((1, 3))
     monkeypatch.setattr(fruitless + "begin_inside", lambda _, __, base: asked.append(base))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
-    search_all(search, Explanation(nominal, [clock]), 2, lambda _: None)
+    search.most = 2
+    search_all(search, Explanation(nominal, [clock]), lambda _: None)
     assert (clock in asked) == expected
     assert nominal in asked
 
@@ -280,7 +285,8 @@ def test_beside_a_far_path_the_balance_of_work_comes_first_beside_a_near_one_pla
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
     for one in found:
         one.fit.values = np.zeros((1, 3))
-    search_all(search, Explanation(attempt([], misfit), list(found)), 3, lambda _: None)
+    search.most = 3
+    search_all(search, Explanation(attempt([], misfit), list(found)), lambda _: None)
     assert asked.count("balance") == asked.count("curve") == 1
     assert list(dict.fromkeys(asked)) == order
 
@@ -301,12 +307,11 @@ def test_what_promises_most_comes_before_the_balance_of_work_and_no_dimension_is
     monkeypatch.setattr(fruitless + "begin_balanced", lambda *_: asked.append("balance") or [])
     monkeypatch.setattr(
         fruitless + "begin_dimensions",
-        lambda _, __, those, before, most: asked.append(
-            [one.hypothesis.name for one in those if one is before]
-        ),
+        lambda _, __, those, before: asked.append([one.hypothesis.name for one in those if one is before]),
     )
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
-    search_all(search, Explanation(attempt([], 30.0)), 3, lambda _: None)
+    search.most = 3
+    search_all(search, Explanation(attempt([], 30.0)), lambda _: None)
     assert asked == ["obvious", "displaced", "balance", ["slider_offset"]]
 
 
@@ -320,7 +325,8 @@ def test_one_of_two_that_share_what_is_missing_is_looked_beside_at_last(
     )
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(beside) > 0)
     explanation = Explanation(attempt([], 12.2), [attempt(["joint_lubrication"], misfit)])
-    search_all(search, explanation, 3, lambda _: None)
+    search.most = 3
+    search_all(search, explanation, lambda _: None)
     assert beside == expected
 
 
@@ -332,7 +338,8 @@ def test_what_is_nearly_explained_is_fitted_again_on_paths_of_its_own(
     monkeypatch.setattr(fruitless + "begin_again", lambda _, found: again.append(found.best))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
     pair = attempt(["second_clearance", "joint_friction"], misfit)
-    search_all(search, Explanation(attempt([], 723.0), [pair]), 2, lambda _: None)
+    search.most = 2
+    search_all(search, Explanation(attempt([], 723.0), [pair]), lambda _: None)
     assert again == [pair] * expected
 
 
@@ -377,7 +384,8 @@ def test_lobes_are_read_off_the_motion_where_a_look_promises_them_or_no_force_he
     monkeypatch.setattr(course + "suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
     monkeypatch.setattr(course + "begin_elsewhere", lambda *_: None)
     nominal = attempt([], 10.0)
-    search_all(search, Explanation(nominal, unpushed=unpushed), 3, lambda _: None)
+    search.most = 3
+    search_all(search, Explanation(nominal, unpushed=unpushed), lambda _: None)
     assert asked == (expected or ["curve"])
 
 
@@ -400,7 +408,8 @@ def test_rails_beyond_doubt_come_before_any_force_and_are_not_followed_twice(
     monkeypatch.setattr(fruitless + "begin_guide", guide)
     monkeypatch.setattr(fruitless + "begin_balanced", lambda *_: asked.append("balance") or [])
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
-    search_all(search, Explanation(attempt([], misfit)), 1, lambda _: None)
+    search.most = 1
+    search_all(search, Explanation(attempt([], misfit)), lambda _: None)
     assert [one for one in asked if misfit > 20.0 or one != "balance"] == expected
 
 
@@ -414,5 +423,6 @@ def test_rails_are_looked_for_by_the_clock_that_the_motion_accuses(monkeypatch, 
     monkeypatch.setattr(fruitless + "suggest_dimensions", lambda *_: [clock])
     monkeypatch.setattr(fruitless + "Shown", SimpleNamespace(alone=lambda search, one: one))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
-    search_all(search, Explanation(attempt([], 30.0)), 2, lambda _: None)
+    search.most = 2
+    search_all(search, Explanation(attempt([], 30.0)), lambda _: None)
     assert asked == [None, clock]

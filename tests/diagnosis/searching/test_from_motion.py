@@ -57,7 +57,8 @@ def test_a_dimension_without_which_the_motion_hardly_agrees_comes_with_what_is_l
     search = SimpleNamespace(setting=Setting("machine", "B"), late=lambda: False)
     gain = Dimension(SimpleNamespace(fault="gain"), 1.1, 3e-4, 0.1)  # a sensor's fault moves no link
     one = dimension("slider_offset", share)
-    found = begin_displaced(search, Explanation(attempt([], 1000.0)), [gain, one], most)
+    search.most = most
+    found = begin_displaced(search, Explanation(attempt([], 1000.0)), [gain, one])
     assert tried == expected
     assert found is (one if expected else None)
 
@@ -76,10 +77,12 @@ def test_a_dimension_that_was_tried_is_fitted_beside_what_was_found_since_alone(
         setting=Setting("machine", "B"), late=lambda: False, timed=lambda rhythm: nullcontext()
     )
     nominal = attempt([], 1000.0)
-    begin_dimensions(search, Explanation(nominal, [part]), [first, other], first, 2)
+    search.most = 2
+    begin_dimensions(search, Explanation(nominal, [part]), [first, other], first)
     assert tried == [["slider_offset", "gravity"], ["second_clearance"], ["second_clearance", "gravity"]]
     tried.clear()
-    begin_dimensions(search, Explanation(nominal), [first], first, 2)
+    search.most = 2
+    begin_dimensions(search, Explanation(nominal), [first], first)
     assert tried == []
 
 
@@ -95,7 +98,8 @@ def test_a_dimension_is_tried_with_less_clearance_where_it_is_not_followed(monke
     monkeypatch.setattr(from_motion, "suggest_forces", lambda *_, named: None)
     monkeypatch.setattr(from_motion, "fit_from", fit)
     search = SimpleNamespace(setting=Setting("machine", "B"), late=lambda: False)
-    begin_displaced(search, Explanation(attempt([], 1000.0)), [dimension("slider_offset")], 2)
+    search.most = 2
+    begin_displaced(search, Explanation(attempt([], 1000.0)), [dimension("slider_offset")])
     assert tried == pytest.approx(expected)
 
 

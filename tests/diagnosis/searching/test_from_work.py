@@ -52,7 +52,8 @@ def follow(monkeypatch, suggested, fit, misfit, most, motion=lambda *_, **__: Fa
         setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext(),
         profile=SimpleNamespace(best=3e-4),
     )  # fmt: skip
-    begin_balanced(search, Explanation(nominal(misfit)), most)
+    search.most = most
+    begin_balanced(search, Explanation(nominal(misfit)))
 
 
 PAIRS = [

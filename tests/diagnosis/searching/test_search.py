@@ -107,7 +107,8 @@ STIFF = ("contact_stiffness", "joint_lubrication", "gravity", "sensor_gain")
 def test_what_explains_is_looked_beside_once_more():
     found, explanation = search(1e-4, STIFF, contact=replace(Joint().contact, stiffness_scale=0.5))
     assert explained(explanation.nominal), "softer contact hides in the clearance"
-    scrutinise(found, explanation, 2)
+    found.most = 2
+    scrutinise(found, explanation)
     assert [h.name for h in explanation.best.hypotheses] == ["contact_stiffness"]
     clearance, stiffness = estimates(explanation.best)
     assert stiffness.value == pytest.approx(0.5, rel=0.12)
@@ -125,7 +126,8 @@ def test_what_changes_impacts_alone_shows_where_they_are_torn():
     best = rejoin_impacts(found, nominal)[0]
     assert best.label == "restitution(restitution)"
     assert best.values[0] == pytest.approx(0.6, abs=0.02)
-    scrutinise(found, explanation, 1)
+    found.most = 1
+    scrutinise(found, explanation)
     assert explanation.best.label == best.label
     assert estimates(explanation.best)[1].value == pytest.approx(0.6, abs=0.01)
 
@@ -152,7 +154,8 @@ def test_a_sensor_that_stops_at_a_limit_is_known_before_the_machine_is():
 @pytest.mark.slow
 def test_where_nothing_is_missing_nothing_small_is_found():
     found, explanation = search(1e-4, STIFF)
-    scrutinise(found, explanation, 2)
+    found.most = 2
+    scrutinise(found, explanation)
     assert explained(explanation.nominal)
     assert not explanation.attempts
 

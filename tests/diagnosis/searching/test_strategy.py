@@ -31,5 +31,6 @@ def test_effects_that_explain_less_than_right_ones_are_looked_beside(monkeypatch
         strategy + "begin_elsewhere", lambda _, __, base: beside.extend(h.name for h in base.hypotheses)
     )
     search = SimpleNamespace(late=lambda: False)
-    find_explanation(search, Explanation(attempt([], 40.0), [found]), 3, lambda _: None)
+    search.most = 3
+    find_explanation(search, Explanation(attempt([], 40.0), [found]), lambda _: None)
     assert beside == expected
