@@ -6,6 +6,7 @@ what simulating on a GPU gains.
 
 import logging
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -64,8 +65,7 @@ def bench(campaign: Campaign, workers: int, folder: Path, comparison: dict[str, 
 
 def simulator(cfg: DictConfig) -> Iterator[str]:
     """What simulating costs."""
-    campaign = instantiate(cfg.campaign, _convert_="all")
-    return lines(bench(campaign, cfg.workers, Path(cfg.folder), dict(cfg.comparison)))
+    return lines(bench(_campaign(cfg), cfg.workers, Path(cfg.folder), dict(cfg.comparison)))
 
 
 def trainings_together(cfg: DictConfig) -> Iterator[str]:
@@ -91,11 +91,17 @@ def trainings_together(cfg: DictConfig) -> Iterator[str]:
 
 def simulator_on_gpu(cfg: DictConfig) -> Iterator[str]:
     """What simulating on a GPU gains over the processor; writes ``gpu.json``."""
-    report = gpu.measure_gpu(instantiate(cfg.campaign, _convert_="all"), cfg.workers, **cfg.gpu)
+    report = gpu.measure_gpu(_campaign(cfg), cfg.workers, **cfg.gpu)
     folder = Path(cfg.folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "gpu.json", report)
     return gpu.lines(report)
+
+
+def _campaign(cfg: DictConfig) -> Campaign:
+    """What is measured, with the step that divides its sampling period: whole steps are counted."""
+    given: Campaign = instantiate(cfg.campaign, _convert_="all")
+    return replace(given, integrator=given.integrator.within(1.0 / given.chain.base_rate))
 
 
 SUITES = {"simulator": simulator, "together": trainings_together, "gpu": simulator_on_gpu}

@@ -174,6 +174,9 @@ def scratch_rows(sampling: Sampling, silent: set[int]) -> int:
     )
 
 
+_LEAST_SEARCHED = 20_000  # steps from the last state kept, in which a failure is looked for
+
+
 def hand_over(
     sink: Sink,
     run: int,
@@ -197,7 +200,10 @@ def hand_over(
     if np.isfinite(signals[-1]).all() and np.isfinite(signals.sum()):
         sink(run, signals)
         return
-    sink(run, explain_failure(machine, saved, integrator.within(1.0 / sampling.base_rate)))
+    period, filters = 1.0 / sampling.base_rate, sampling.decimation
+    # a state is kept once a chunk, at a multiple of it before and after recording begins
+    steps = 3 * filters.chunk * filters.factor * integrator.substeps(period)
+    sink(run, explain_failure(machine, saved, integrator.within(period), max(steps, _LEAST_SEARCHED)))
 
 
 def _run_group(

@@ -9,7 +9,6 @@ from clearance.simulation.integrator import Integrator
 from clearance.simulation.layout import Result, State
 from clearance.simulation.trajectory import simulate_trajectory
 
-_SEARCHED = 20_000  # steps after the last state known to be finite
 _ABSURD = 1e8  # N or N m: a thousand times the hardest impact of the nominal machine
 
 
@@ -36,16 +35,17 @@ class Failure:
         )
 
 
-def explain_failure(machine: SliderCrank, state: np.ndarray, integrator: Integrator) -> Failure:
+def explain_failure(machine: SliderCrank, state: np.ndarray, integrator: Integrator, steps: int) -> Failure:
     """Repeat a failed run from its last finite state and name what failed first.
 
     Args:
         machine: what ran.
         state: (STATES,) finite.
         integrator: scheme and the steps in use.
+        steps: within which it failed.
     """
     with np.errstate(all="ignore"):
-        again = simulate_trajectory(machine, integrator, _SEARCHED * integrator.step, state=state)
+        again = simulate_trajectory(machine, integrator, steps * integrator.step, state=state)
     states, results = again.states, again.results
     if again.finite:
         begun = {row.name.lower(): float(state[row]) for row in State}

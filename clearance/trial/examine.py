@@ -133,9 +133,6 @@ class Examiner:
             running.discard(process)
         if stopped.is_set():
             return
-        failure = failure and failure.replace(
-            f"{folder}/", ""
-        )  # is published; where it lay is nobody's business
         seconds = round(time.monotonic() - began, 1)
         # A copy, whole in one file: what a process of an earlier, killed trial still writes cannot change it.
         machine = place / CORRECTED
@@ -161,7 +158,9 @@ def hashes_of(folder: Path, verdicts: str) -> Path:
 def _answer(code: int, place: Path) -> tuple[str | None, dict[str, Any] | None]:
     """Why there is no diagnosis, or ``None``; the diagnosis, or ``None``."""
     if code != 0:
-        lines = (place / _LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        here = f"{place.resolve().parents[1]}/"  # is published without where it lay
+        text = (place / _LOG).read_text(encoding="utf-8", errors="replace").replace(here, "")
+        lines = text.strip().splitlines()
         return f"exit code {code}: {lines[-1][:300] if lines else 'no output'}", None
     try:
         text = (place / _DIAGNOSIS).read_text(encoding="utf-8")
@@ -216,7 +215,7 @@ def _is_curve(one: Any) -> bool:
     if not isinstance(one, dict) or not isinstance(one.get("argument"), str):
         return False
     table = one.get("table")
-    return isinstance(table, list) and all(_is_list_of(int | float, row) for row in table)
+    return isinstance(table, list) and all(_is_list_of(int | float, row) and len(row) == 2 for row in table)
 
 
 def _is_list_of(kind: Any, values: Any) -> bool:

@@ -281,6 +281,8 @@ def test_what_failed_is_not_tried_again_after_the_reveal(trial):
         ({"fit": {"held_out": {"after": 1.0}}}, "has no fit.held_out.floor above 0"),
         ({"equivalent": 5}, "has an equivalent that is no list"),
         ({"free_form": {"argument": "time"}}, "has a free_form without"),
+        ({"free_form": {"argument": "time", "table": [[1.0]]}}, "has a free_form without"),
+        ({"free_form": {"argument": "time", "table": [[1.0, 2.0, 3.0]]}}, "has a free_form without"),
         ({"seconds": float("nan")}, "NaN is no number"),
     ],
 )

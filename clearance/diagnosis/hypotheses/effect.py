@@ -217,16 +217,17 @@ class Effect:
         """The value of each parameter at which the effect vanishes.
 
         Of a law that the machine has already (friction on the guide, of which there may be more or less) that
-        is the machine's own number.
+        is the machine's own number, unless the effect has a shape, too.
         """
         return self._off(machine, with_laws(machine, _filled_keys(self.patch, joint)), joint)
 
     def _off(self, machine: SliderCrank, changed: SliderCrank, joint: str) -> dict[str, float]:
         """See ``off``; ``changed`` is the machine with the effect's laws."""
-        lawful = bool(self.patch) and changed == machine
+        shaped = any(one.shape for one in self.free)  # a place or an order says nothing of the machine's own
+        lawful = bool(self.patch) and changed == machine and not shaped
         found = {}
         for one in self.free:
-            if one.off is None or (lawful and one.operation == "set" and not one.shape and isfinite(one.off)):
+            if one.off is None or (lawful and one.operation == "set" and isfinite(one.off)):
                 found[one.name] = float(read_path(machine, _filled(one.of or one.path, joint)))
             else:
                 found[one.name] = one.off

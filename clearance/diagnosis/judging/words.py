@@ -30,6 +30,7 @@ from clearance.mechanism.applied_force import TabulatedForce
 _PUSHES = {"torque": "torque", "moment": "moment"}
 _TOWARDS = {"x": ", along x", "y": ", along y", "normal": ", normal to the bearing"}
 _LOST = 100.0  # times a perfect model's errors: the path was lost, and how far off it ended says nothing
+_SURE = 10.0  # log-likelihood of held-out recordings that is gained by no chance
 HELPS = 0.99  # of the held-out error before: what leaves more is not said to lower it
 
 
@@ -124,7 +125,8 @@ def _free_force(explanation: Explanation, curve: Hypothesis, held_out: Attempt |
     argument = argument_of(law) if isinstance(law, TabulatedForce) else ""
     share = "a part of " if best.misfit > HALFWAY * nominal.misfit else "most of "
     if explained(best):
-        share = "" if best is explanation.shown or borne_out(explanation, held_out) else "the fitted ones of "
+        told = best is explanation.shown or borne_out(explanation, held_out)
+        share = "" if told else "those that were fitted, not those that were held out, of "
     what = f"{acting(curve.body, curve.direction)} that depends on {argument.replace('_', ' ')}{_rhythm(law)}"
     if curve.direction == DAMPING:
         what = (
@@ -209,7 +211,7 @@ def _gain(explanation: Explanation, held: dict[str, Any]) -> str:
     them = {0: "it", 1: "it", 2: "both"}.get(len(best.hypotheses), "all of them")
     if not held["after"] < HELPS * held["before"]:
         gain = held.get("log_likelihood_gain", 0.0)
-        if gain > 0.0:
+        if gain > _SURE and held["after"] < held["before"] / HELPS:
             return (
                 f"Held-out errors of quiet segments stay as they are ({after}, floor 1.00); impacts "
                 f"included, those recordings are likelier with {them} (log-likelihood +{gain:.0f})"

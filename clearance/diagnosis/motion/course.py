@@ -90,6 +90,9 @@ class Course:
                 search.attempt(one.terms, one.fit.shared, one.fit.own)
                 for one in (findings.nominal, findings.best)
             )
+            findings.attempts, findings.instead = [], []  # of other samples
+            search.drop(findings)
+            search.question_zero(findings)
             findings.enough, findings.left = search.judge(findings.best), Remainder(again, beside=False)
 
     def _error(self, attempt: Attempt, about: Explained) -> float:

@@ -27,7 +27,7 @@ from clearance.diagnosis.motion.rest import angles
 from clearance.diagnosis.motion.search import Search
 from clearance.diagnosis.motion.statement import state
 from clearance.diagnosis.motion.track import Track
-from clearance.diagnosis.motion.verdict import estimates
+from clearance.diagnosis.motion.verdict import estimates, stands
 from clearance.diagnosis.motion.where import maps
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
@@ -87,7 +87,7 @@ def diagnose(
     best, nominal = findings.best, findings.nominal
     after = Judged(best, held_out, search, speed_range)
     before = Judged(nominal, held_out, search, speed_range) if best is not nominal else after
-    beside = _with_table(search, findings, after, held_out, speed_range)
+    beside = _with_table(search, findings, before, after, held_out, speed_range)
     diagnosis = state(search, findings, named, zero_known, before, after, beside)
     diagnosis |= {"seconds": round(time.monotonic() - started, 1), "peak_memory_mib": round(peak_memory())}
     final = findings.left.attempt if findings.left else best
@@ -99,12 +99,19 @@ def diagnose(
 def _with_table(
     search: Search,
     findings: Findings,
+    before: Judged,
     after: Judged,
     held_out: Sequence[Track],
     speed_range: tuple[float, float],
 ) -> Judged | None:
-    """A force of free form that was found, beside held-out recordings; dropped if it does not help there."""
-    if findings.left is None:
+    """A force of free form that was found, beside held-out recordings; dropped if it does not help there.
+
+    So is one that stands in the place of names, where these explain what was held out.
+    """
+    floor = after.explained.noise
+    named = stands(findings, {"before": before.score(floor), "after": after.score(floor)})
+    if findings.left is None or (named and not findings.left.beside):
+        findings.left = None
         return None
     beside = Judged(findings.left.attempt, held_out, search, speed_range)
     noise = beside.explained.noise

@@ -62,8 +62,10 @@ def state(
     asserted = effects(findings, zero, _probability(search, findings))
     turned = angles(nominal.fit, search.tracks)
     where = summary(over(nominal.fit, search.tracks, enough), turned, enough.channels, search.tracks[0].rate)
+    alone = findings.left is not None and not findings.left.beside
+    numbers = findings.left.attempt.fit if findings.left is not None and alone else best.fit
     shows = noticed(where["channels"]) or list(enough.channels)[:1]
-    clearance, (singles, combinations) = clearance_of(best.fit, whole(findings, held)), uncertain_of(best.fit)
+    clearance, (singles, combinations) = clearance_of(numbers, whole(findings, held)), uncertain_of(numbers)
     names = [
         *(t.name for t in best.terms), *([zero.name] if findings.zero and zero is not None else [])
     ]  # fmt: skip

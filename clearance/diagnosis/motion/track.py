@@ -161,7 +161,8 @@ class Track:
 def _declared(chain: Mapping[str, Any], rate: float) -> LowPass | None:
     """The filter that a recording of this rate [Hz] declares, where it is silent the usual one."""
     said = declared_chain(chain)
-    if said["decimation"] == 1:
+    base, usual = chain.get("base_rate"), said["decimation"]
+    if chain.get("decimation", usual if base is None else round(base / rate)) <= 1:
         return None
     return LowPass(float(said["cutoff"]) * rate / 2.0, int(said["filter_order"]), float(said["ripple_db"]))
 

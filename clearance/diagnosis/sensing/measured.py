@@ -384,7 +384,10 @@ def chain_of(recording: Recording, name: str) -> MeasurementChain:
             f"{name}: declares a chain that ends at {base / factor:g} Hz, but has {rate:g} Hz; "
             "correct chain in the YAML beside it"
         )
-    return MeasurementChain(**whole | {"base_rate": rate * factor, "decimation": factor})
+    try:
+        return MeasurementChain(**whole | {"base_rate": rate * factor, "decimation": factor})
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from error
 
 
 def segments_before(samples: int, held_out: float) -> int:

@@ -72,7 +72,7 @@ def test_beside_a_table_that_explains_little_the_balance_says_where_it_acts(monk
         (54.0, None, "explains a part of the recordings"),
         (12.0, None, "explains most of the recordings"),
         (1.0, 1.0, "explains the recordings"),
-        (1.0, 20.0, "explains the fitted ones of the recordings"),
+        (1.0, 20.0, "explains those that were fitted, not those that were held out, of the recordings"),
     ],
 )
 def test_of_a_table_it_is_said_how_much_it_explains(monkeypatch, misfit, held_out, expected):
@@ -99,3 +99,21 @@ def test_what_shows_in_the_fitted_recordings_alone_is_told_by_their_errors(monke
     fit = {"held_out": {"before": 1.0, "after": 1.0}}
     told = sentences("unknown", Explanation(nominal), "C", fit, ["rod_c_axial"])
     assert "errors are 7.07 times those of a perfect one, where it was fitted." in told[0]
+
+
+@pytest.mark.parametrize(
+    ("after", "gain", "told"),
+    [
+        (1.0, 247.0, "impacts included, those recordings are likelier with it (log-likelihood +247)"),
+        (1.0, 2.0, "It does not help on held-out recordings"),
+        (1.3, 247.0, "It does not help on held-out recordings"),
+    ],
+)
+def test_what_shows_in_impacts_alone_is_told_as_that(monkeypatch, after, gain, told):
+    best, nominal = attempt(["contact_stiffness"], 0.98), attempt([], 1.0)
+    for one in (nominal, best):
+        one.fit.values = np.array([[3e-4, 700.0]])
+    known(monkeypatch, lambda a: [Estimate(3e-4, 3e-4, 3e-4)] * 2)
+    held = {"held_out": {"before": 1.0, "after": after, "log_likelihood_gain": gain}}
+    said = sentences("physics", Explanation(nominal, [best]), "C", held, ["rod_b_axial"])
+    assert told in said[-1]

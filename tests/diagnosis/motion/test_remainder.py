@@ -1,10 +1,14 @@
 """What names leave, as a force of free form: over the right argument, on the right body."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.motion import outcome
+from clearance.diagnosis.motion.attempt import Findings, Remainder
 from clearance.diagnosis.motion.linkage import Linkage
 from clearance.diagnosis.motion.model import gather
 from clearance.diagnosis.motion.outcome import diagnose
@@ -90,3 +94,24 @@ def test_the_whole_diagnosis_is_unknown_on_the_right_body_and_explains():
     assert said["fit"]["held_out"]["after"] < 1.2
     assert "a force on the slider, along x that depends on slider position" in said["summary"][0]
     assert found.machine.force.argument == "slider_position"
+
+
+@pytest.mark.parametrize(
+    ("after", "beside", "kept"),
+    [(1.4, False, False), (1.4, True, True), (30.0, False, True)],
+)
+def test_a_table_in_the_place_of_names_is_dropped_where_these_explain_what_was_held_out(
+    monkeypatch, after, beside, kept
+):
+    class Errors(SimpleNamespace):
+        def score(self, noise):
+            return self.error
+
+    explained = SimpleNamespace(noise=np.ones(1), enough=False)
+    monkeypatch.setattr(outcome, "Judged", lambda *_: Errors(error=1.0, explained=explained))
+    best = SimpleNamespace(terms=[SimpleNamespace(effect=SimpleNamespace(kind="physics"))])
+    left = Remainder(SimpleNamespace(), beside)
+    findings = Findings(best, best, enough=SimpleNamespace(enough=False), left=left)
+    before, named = (Errors(error=error, explained=explained) for error in (169.0, after))
+    found = outcome._with_table(None, findings, before, named, [], SPEEDS)
+    assert (found is not None) == kept == (findings.left is left)
