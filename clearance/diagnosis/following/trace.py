@@ -6,7 +6,8 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import COARSE
 from clearance.diagnosis.kinematics.agreement import Alignment, loose
-from clearance.diagnosis.kinematics.reconstruction import Reconstruction, reconstruct
+from clearance.diagnosis.kinematics.pieces import reconstruct_whole
+from clearance.diagnosis.kinematics.reconstruction import Reconstruction
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.measured import NO_FAULT, Measured
 from clearance.diagnosis.shooting.follow import Follower
@@ -43,7 +44,9 @@ class Trace:
     ) -> "Trace":
         """Reconstruct a whole recording with a machine's clearances and masses, faults of sensors undone."""
         p = machine.parameters()
-        path = reconstruct(measured.undone(instrument), p, loose(machine), alignment.speed, alignment.angle)
+        path = reconstruct_whole(
+            measured.undone(instrument), p, loose(machine), alignment.speed, alignment.angle
+        )
         arms = (
             _DRIVE * float(p[Parameter.CRANK_LENGTH]),
             0.5 * float(p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]),

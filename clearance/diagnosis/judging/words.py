@@ -8,6 +8,7 @@ import numpy as np
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import DAMPING, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.judging.held_out import SURELY
 from clearance.diagnosis.judging.play import NEAREST, clearance_of
 from clearance.diagnosis.judging.verdict import (
     MOTION,
@@ -30,7 +31,6 @@ from clearance.mechanism.applied_force import TabulatedForce
 _PUSHES = {"torque": "torque", "moment": "moment"}
 _TOWARDS = {"x": ", along x", "y": ", along y", "normal": ", normal to the bearing"}
 _LOST = 100.0  # times a perfect model's errors: the path was lost, and how far off it ended says nothing
-_SURE = 10.0  # log-likelihood of held-out recordings that is gained by no chance
 HELPS = 0.99  # of the held-out error before: what leaves more is not said to lower it
 
 
@@ -123,17 +123,18 @@ def _free_force(explanation: Explanation, curve: Hypothesis, held_out: Attempt |
     best, nominal = explanation.best, explanation.nominal
     law = curve.apply(nominal.model.machine(nominal.fit.values[0]), curve.start).force
     argument = argument_of(law) if isinstance(law, TabulatedForce) else ""
+    rest = ""
     share = "a part of " if best.misfit > HALFWAY * nominal.misfit else "most of "
     if explained(best):
         told = best is explanation.shown or borne_out(explanation, held_out)
-        share = "" if told else "those that were fitted, not those that were held out, of "
+        share, rest = "", "" if told else " that were fitted, not those that were held out"
     what = f"{acting(curve.body, curve.direction)} that depends on {argument.replace('_', ' ')}{_rhythm(law)}"
     if curve.direction == DAMPING:
         what = (
             f"a resistance to the journal's motion in {_body(curve.body)}, by its closeness to the bearing,"
         )
     return (
-        f"Something is missing that has no name here: {what} explains {share}the recordings; its table "
+        f"Something is missing that has no name here: {what} explains {share}the recordings{rest}; its table "
         "is in corrected.yaml."
     )
 
@@ -211,7 +212,7 @@ def _gain(explanation: Explanation, held: dict[str, Any]) -> str:
     them = {0: "it", 1: "it", 2: "both"}.get(len(best.hypotheses), "all of them")
     if not held["after"] < HELPS * held["before"]:
         gain = held.get("log_likelihood_gain", 0.0)
-        if gain > _SURE and held["after"] < held["before"] / HELPS:
+        if gain > 0.5 * SURELY and held["after"] < held["before"] / HELPS:
             return (
                 f"Held-out errors of quiet segments stay as they are ({after}, floor 1.00); impacts "
                 f"included, those recordings are likelier with {them} (log-likelihood +{gain:.0f})"

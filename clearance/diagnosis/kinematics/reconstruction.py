@@ -11,8 +11,7 @@ as white inputs, Gillijns & De Moor 2007, Automatica 43(1), 111-116.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -54,7 +53,6 @@ _SWAYING = 0.05  # of the frame's motion, where it follows from its parameters
 _SHAKEN = 0.2  # of the inertia forces over the mass of the frame
 _TURNING, _MOVING = 400.0, 2000.0  # rad/s^2, m/s^2: typical accelerations
 _BALANCE, _TORQUE_DRIFT = 0.02, 3.0  # N m; N m/s^0.5: how well the crank's torque balances, how it varies
-_PIECE, _OVERLAP = 60, 4  # segments: about a turn of the crank at 10 kHz; what a smoother knows from one side
 _AT_C = {Signal.ROD_C_TRANSVERSE, Signal.ROD_C_AXIAL}
 _GRAVITY = 5.0  # m/s^2 that the mechanism may lack
 
@@ -94,9 +92,6 @@ def reconstruct(
 ) -> Reconstruction:
     """Reconstruct the path of a machine whose joints have the clearances in ``parameters``.
 
-    Where it leads out of the links' reach, as by a clock that is wrong, it is put together from pieces: the
-    crank's phase, which gathers what does not agree, is told anew in each.
-
     Args:
         measured: the recording.
         parameters: (PARAMETERS,) of the machine.
@@ -106,43 +101,8 @@ def reconstruct(
         samples: of the recording to use; all if ``None``.
 
     Raises:
-        LinAlgError: the links do not reach in pieces either.
+        LinAlgError: the links do not reach.
     """
-    segments = len(measured.values) if samples is None else -(-samples // SAMPLES)
-    try:
-        return _reconstruct(measured, parameters, joints, speed, angle, samples)
-    except np.linalg.LinAlgError:
-        if segments < 2 * _PIECE:
-            raise
-    total = min(segments, len(measured.values))
-    ends = np.linspace(0, total, segments // _PIECE + 1).astype(int)
-    found: list[Reconstruction] = []
-    turning = np.zeros((4, 0))
-    for first, last in pairwise(ends):
-        low, high = max(int(first) - _OVERLAP, 0), min(int(last) + _OVERLAP, total)
-        if first > 0:
-            angle = float(turning[0, low * SAMPLES])
-        one = _reconstruct(measured.part(low, high), parameters, joints, speed, angle, None)
-        inner = slice((first - low) * SAMPLES, (last - low) * SAMPLES)
-        turning = np.concatenate([turning, one.turning[:, inner]], axis=1)
-        across = one.across[:, inner]
-        found.append(replace(one, nodes=one.nodes[first - low : last - low], across=across))
-    return Reconstruction(
-        np.concatenate([one.nodes for one in found]), float(np.mean([one.misfit for one in found])),
-        float(np.median([one.force for one in found])), float(np.mean([one.speed for one in found])),
-        np.concatenate([one.across for one in found], axis=1), found[0].doubt, turning,
-    )  # fmt: skip
-
-
-def _reconstruct(
-    measured: Measured,
-    parameters: np.ndarray,
-    joints: Sequence[str],
-    speed: float,
-    angle: float,
-    samples: int | None,
-) -> Reconstruction:
-    """The path in one piece; arguments as of ``reconstruct``."""
     values = measured.values.reshape(-1, len(measured.signals))[:samples]
     count, loose = len(values), len(joints)
     period = 1.0 / measured.chain.rate

@@ -22,7 +22,7 @@ from scipy.optimize import minimize_scalar
 
 from clearance.diagnosis.hypotheses.hypothesis import SMALLEST_CLEARANCE, Setting
 from clearance.diagnosis.kinematics.agreement import CLEARANCES, COMPARED, Alignment, agreement, loose
-from clearance.diagnosis.kinematics.reconstruction import reconstruct
+from clearance.diagnosis.kinematics.pieces import reconstruct_whole
 from clearance.diagnosis.kinematics.regression import cost_of, regressed, scatter_of
 from clearance.diagnosis.kinematics.turning import Turning, answer, binned
 from clearance.diagnosis.searching.edges import EDGED
@@ -250,7 +250,7 @@ def find_clock(measured: Measured, known: Alignment, machine: SliderCrank) -> fl
     Raises:
         LinAlgError: a linkage that does not turn.
     """
-    path = reconstruct(measured, machine.parameters(), loose(machine), known.speed, known.angle)
+    path = reconstruct_whole(measured, machine.parameters(), loose(machine), known.speed, known.angle)
     turning = Turning.along(path, machine, measured)
     beyond, time = beyond_ideal(machine, turning), binned(turning.time)
     offsets = np.column_stack([np.ones(len(time)), time])

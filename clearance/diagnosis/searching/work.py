@@ -15,7 +15,7 @@ import numpy as np
 from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, curve_over, free_form, halved, refined
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.kinematics.agreement import loose
-from clearance.diagnosis.kinematics.reconstruction import reconstruct
+from clearance.diagnosis.kinematics.pieces import reconstruct_whole
 from clearance.diagnosis.kinematics.regression import cost_of, regressed, scatter_of
 from clearance.diagnosis.kinematics.rhythm import Needed, Rhythm, find_rhythm
 from clearance.diagnosis.kinematics.rigid_motion import counts, tilt
@@ -138,7 +138,7 @@ class Balance:
         self.setting, self.clearance = setting, clearance
         self.turnings: list[Turning] = []
         for measured, known in zip(search.recordings, search.alignments, strict=True):
-            path = reconstruct(measured, machine.parameters(), loose(machine), known.speed, known.angle)
+            path = reconstruct_whole(measured, machine.parameters(), loose(machine), known.speed, known.angle)
             self.turnings.append(Turning.along(path, machine, measured))
         self.beyond = [beyond_ideal(machine, turning) for turning in self.turnings]
         left, offsets = self._left((), np.zeros(0))

@@ -72,7 +72,7 @@ def test_beside_a_table_that_explains_little_the_balance_says_where_it_acts(monk
         (54.0, None, "explains a part of the recordings"),
         (12.0, None, "explains most of the recordings"),
         (1.0, 1.0, "explains the recordings"),
-        (1.0, 20.0, "explains those that were fitted, not those that were held out, of the recordings"),
+        (1.0, 20.0, "explains the recordings that were fitted, not those that were held out"),
     ],
 )
 def test_of_a_table_it_is_said_how_much_it_explains(monkeypatch, misfit, held_out, expected):

@@ -8,7 +8,8 @@ import pytest
 
 from clearance.diagnosis.kinematics.agreement import Alignment, agreement, profile
 from clearance.diagnosis.kinematics.lift import Lift
-from clearance.diagnosis.kinematics.reconstruction import _reconstruct, reconstruct
+from clearance.diagnosis.kinematics.pieces import reconstruct_whole
+from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.diagnosis.kinematics.rigid_motion import feel, slopes
 from clearance.diagnosis.kinematics.smoother import smooth
 from clearance.diagnosis.sensing.instrument import Instrument
@@ -276,8 +277,8 @@ def test_a_path_that_leads_out_of_reach_is_put_together_from_pieces():
     fast = measured.undone(Instrument(timebase=0.1))
     made = machine("C", 1e-4).parameters()
     with pytest.raises(np.linalg.LinAlgError):
-        _reconstruct(fast, made, ("C",), known.speed, known.angle, None)
-    found = reconstruct(fast, made, ("C",), known.speed, known.angle)
+        reconstruct(fast, made, ("C",), known.speed, known.angle)
+    found = reconstruct_whole(fast, made, ("C",), known.speed, known.angle)
     assert found.nodes.shape[0] == len(fast.values)
     assert found.turning.shape == (4, SAMPLES * len(fast.values))
     assert np.isfinite(found.nodes).all()
