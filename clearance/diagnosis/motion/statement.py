@@ -112,8 +112,13 @@ def _with_table(findings: Findings, before: Judged, after: Judged, beside: Judge
 
 
 def _probability(search: Search, findings: Findings) -> float:
-    """Of the best attempt among all that are sure of their terms: exp(-difference / 2) of prices."""
-    others = [a for a in findings.attempts if search.sure(a)]
+    """Of the best attempt among those with no more unknowns that are sure of their terms.
+
+    It is exp(-difference / 2) of prices. What is richer may be cheaper and was passed over all the same:
+    the search prefers fewer terms that do nearly as much.
+    """
+    richest = len(findings.best.fit.model.shared)
+    others = [a for a in findings.attempts if search.sure(a) and len(a.fit.model.shared) <= richest]
     prices = np.array([a.price for a in (findings.best, findings.nominal, *others)])
     names = [a.label for a in (findings.best, findings.nominal, *others)]
     cheapest = {n: min(p for m, p in zip(names, prices, strict=True) if m == n) for n in names}

@@ -11,7 +11,7 @@ from clearance.diagnosis.judging.words import HELPS, acting
 from clearance.diagnosis.motion.attempt import Attempt, Findings, Remainder, zero_of
 from clearance.diagnosis.motion.fit import Fit
 from clearance.diagnosis.motion.model import Term
-from clearance.diagnosis.motion.remainder import table_of
+from clearance.diagnosis.motion.remainder import described
 from clearance.diagnosis.motion.rest import Explained, nearly_all
 
 _Z = 1.96  # of a 95 % interval
@@ -239,12 +239,12 @@ def _unknown_words(findings: Findings, held: Mapping[str, float]) -> str:
 
 def _table_words(left: Remainder) -> str:
     """Of what is left, as a force without a name."""
-    law = table_of(left)
-    values = np.array(law.values) - (np.mean(law.values) if law.direction == "torque" else 0.0)
-    unit = "N m" if law.direction == "torque" else "N"
+    table = described(left)
+    largest = max(abs(force) for _, force in table["table"])
     return (
-        f"goes with {acting(law.body, law.direction)} that depends on {law.argument.replace('_', ' ')}, "
-        f"of {np.abs(values).max():.3g} {unit} at most; its table is in corrected.yaml."
+        f"goes with {acting(table['body'], table['direction'])} that depends on "
+        f"{table['argument'].replace('_', ' ')}, of {largest:.3g} {table['unit']} at most; its table is in "
+        "corrected.yaml."
     )
 
 
