@@ -42,6 +42,8 @@ def main(cfg: DictConfig) -> None:
             raise InputError(
                 f"{name} = {cfg[name]!r}: a number of recordings, 0 or more, is needed; set {name}"
             )
+    if cfg.report is not None and cfg.results is not None:
+        raise InputError(f"report={cfg.report} and results={cfg.results}: one at a time; leave one out")
     for name in ("readme", "picture"):
         if cfg[name] and cfg.results is None:
             raise InputError(
@@ -65,6 +67,8 @@ def main(cfg: DictConfig) -> None:
             )
         trainings = Path(str(cfg.trainings))
         rows = read_json(trainings, "trainings") if trainings.exists() else []
+        if not rows:
+            log.warning("trainings=%s: not there, so that the report has none of its curves", trainings)
         write_results(runs, page, pictures, figures, rows)
         log.info("written to %s, with pictures in %s", page, pictures)
         return
@@ -97,7 +101,10 @@ def main(cfg: DictConfig) -> None:
 def measure_coverage(run: Path, recordings: int) -> None:
     """Write ``fresh.json`` beside a training unless it is there with as many recordings."""
     known = read_fresh(run)
-    if known and known[0]["summary"]["recordings"] >= recordings:
+    if known and known[0].get("asked", known[0]["summary"]["recordings"]) >= recordings:
+        return
+    if not any(run.glob("model.*")):
+        log.warning("%s: left out, its weights are gone", run)
         return
     config: dict[str, Any] = read_yaml(run / CONFIG) or {}
     if "campaign" not in config:
@@ -116,7 +123,7 @@ def measure_coverage(run: Path, recordings: int) -> None:
         fresh = evaluate_fresh(gauge, campaign, recordings)
     except InputError as error:
         raise InputError(f"{run}: {error}") from error
-    write_json(run / FRESH, [joint.to_json() for joint in fresh])
+    write_json(run / FRESH, [{"asked": recordings, **joint.to_json()} for joint in fresh])
 
 
 def measure_perturbed(runs: Path, perturbations: Mapping[str, Perturbation], recordings: int) -> None:

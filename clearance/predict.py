@@ -62,14 +62,13 @@ def estimate_file(gauge: Gauge, path: Path) -> tuple[Estimate, ...]:
     """Estimate one file, a clearance a joint; errors name it."""
     recording = read(path)
     try:
-        recording = corrected(recording)
         missing = [name for name in gauge.channels if name not in recording.channels]
         if missing:
             raise InputError(
                 f"lacks the channels {missing}: the model reads {list(gauge.channels)}; name them in the "
                 "YAML beside the file, or train with sensors that are there"
             )
-        signals = recording.select(gauge.channels).values
+        signals = corrected(recording, gauge.channels).values
         return gauge.estimate(
             signals, recording.rate, recording.metadata.get("chain"), declared_positions(recording)
         )
@@ -79,7 +78,7 @@ def estimate_file(gauge: Gauge, path: Path) -> tuple[Estimate, ...]:
 
 def table(found: dict[str, tuple[Estimate, ...]], coverage: float) -> str:
     """Millimetres for people, one line a recording and joint."""
-    interval = f"{coverage:.0%} interval mm"
+    interval = f"{coverage * 100:g} % interval mm"
     head = ("recording", "joint", "clearance mm", interval, "spread mm", "windows", "trusted")
     rows = [
         (

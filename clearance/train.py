@@ -2,7 +2,7 @@
 
 import logging
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import asdict
 from pathlib import Path
@@ -19,14 +19,13 @@ from clearance.errors import InputError
 from clearance.evaluation.evaluate import evaluate
 from clearance.models.estimator import Estimator
 from clearance.models.gauge import Calibration, Gauge
-from clearance.models.run_folder import CONFIG, METRICS, RunFolder, environment
+from clearance.models.run_folder import METRICS, RunFolder, environment
+from clearance.models.seen import require_apart
 from clearance.models.together import fit_together, shareable
-from clearance.whole_files import read_json, read_yaml
+from clearance.whole_files import read_json
 from clearance.windows.datamodule import WindowData
 
 log = logging.getLogger(__name__)
-_MACHINES = ("mechanism", "joint", "seed", "clearance_range", "speed_range", "random", "random_share")
-"""Of a campaign, what decides the machine of a run: however it is recorded, it is the same machine."""
 
 
 @command("train")
@@ -50,15 +49,13 @@ def main(cfg: DictConfig) -> float | None:
     Calibration(**cfg.calibration)
     if cfg.seeds is not None:
         shareable(estimators)
-    if cfg.begin is not None:
-        if not (Path(str(cfg.begin)) / METRICS).exists():
-            raise InputError(f"begin={cfg.begin}: no finished training there; set begin to the folder of one")
-        _require_apart(cfg)
+    runs = [open_run(one) for one in each]
+    finished = all(run.finished for run in runs)
+    if cfg.begin is not None and not finished:  # what is finished needs its weights no more
+        require_apart(Path(str(cfg.begin)), plain(cfg))
         for estimator in estimators:
             estimator.begin(Path(str(cfg.begin)))
 
-    runs = [open_run(one) for one in each]
-    finished = all(run.finished for run in runs)
     if not (finished and data.source.reproducible):
         try:
             data.prepare_data()
@@ -73,6 +70,8 @@ def main(cfg: DictConfig) -> float | None:
     if finished:
         for run in runs:
             log.info("%s is finished: resume=false trains again", run.path)
+        if cfg.seeds is not None:  # a kill after the last of them left what all shared
+            open_run(cfg).drop_checkpoints()
         return validation_error(runs)
     if cfg.seeds is None:
         judge(cfg, estimators[0], data, runs[0], estimators[0].fit(data, runs[0]), 1)
@@ -93,36 +92,6 @@ def main(cfg: DictConfig) -> float | None:
     return validation_error(runs)
 
 
-def _require_apart(cfg: DictConfig) -> None:
-    """Refuse weights that have seen recordings which this training would be tested on."""
-    (machines, division), (before, divided) = (
-        _seen(config) for config in (plain(cfg), read_yaml(Path(str(cfg.begin)) / CONFIG) or {})
-    )
-    other = [key for key, value in division.items() if value != divided.get(key)]
-    if machines == before and other:
-        raise InputError(
-            f"begin={cfg.begin}: it has seen recordings that this training would be tested on "
-            f"({' and '.join(other)} differ); set another data_seed, or these as there"
-        )
-
-
-def _seen(config: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Which machines a training sees, and what decides which of them it is tested on."""
-    data = config.get("data", {})
-    source, split = data.get("source", {}), data.get("split", {})
-    campaign = source.get("simulation", {})
-    machines = {key: campaign.get(key) for key in _MACHINES}
-    machines |= {key: source.get(key) for key in ("_target_", "path")}
-    if "held_out" in source:  # epochs of their own, whatever the split
-        return machines, {"data.source.held_out": source["held_out"]}
-    return machines, {
-        "runs": campaign.get("runs", source.get("runs")),
-        "split_seed": split.get("seed"),
-        "data.split.train": split.get("train"),
-        "data.split.validation": split.get("validation"),
-    }
-
-
 def different(seeds: Any) -> list[int]:
     """Check the ``seeds`` to train together."""
     found = list(seeds) if OmegaConf.is_list(seeds) else []
@@ -140,10 +109,10 @@ def of_seed(cfg: DictConfig, seed: int) -> DictConfig:
     Where the folder is not named by the overrides, it is one below that of all.
     """
     one = deepcopy(cfg)
-    path = Path(str(cfg.folder))
-    name = re.sub(r"\bseeds=\[[^\]]*\]", f"seed={seed}", path.name)
-    folder = path.with_name(name) if name != path.name else path / f"seed={seed}"
-    one.seed, one.seeds, one.folder = seed, None, str(folder)
+    folder = str(cfg.folder)
+    named = re.sub(r"(.*)\bseeds=\[[^\]]*\]", rf"\g<1>seed={seed}", folder)  # later overrides may hold a "/"
+    one.seed, one.seeds = seed, None
+    one.folder = named if named != folder else str(Path(folder) / f"seed={seed}")
     return one
 
 
@@ -151,7 +120,8 @@ def open_run(cfg: DictConfig) -> RunFolder:
     """The folder of a training, with its configuration and what was asked for."""
     asked = HydraConfig.get()
     config = {
-        "experiment": asked.runtime.choices["experiment"], **plain(cfg),
+        "experiment": asked.runtime.choices["experiment"],
+        "chosen_model": asked.runtime.choices["model"], **plain(cfg),
         "overrides": list(asked.overrides.task),
     }  # fmt: skip
     return RunFolder.open(Path(str(cfg.folder)), config, cfg.seed, cfg.resume)

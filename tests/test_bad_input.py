@@ -357,6 +357,12 @@ def test_a_training_that_is_not_there_is_missed_before_results_are_written(refus
     assert not (tmp_path / "results").exists()
 
 
+def test_a_report_and_results_are_not_made_at_once(refused, trained, tmp_path):
+    words = "report=R.md and results=results: one at a time"
+    refused("evaluate", words, f"runs={trained}", "results=results", "report=R.md")
+    assert [path for path in tmp_path.iterdir() if path.name in ("R.md", "results")] == []
+
+
 def test_predict_distrusts_another_measurement_chain(trained, recording, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     other = {**recording.metadata["chain"], "base_rate": 5e4, "decimation": 5}

@@ -3,7 +3,9 @@
 import shutil
 
 import pytest
+import yaml
 
+from clearance.whole_files import read_yaml
 from tests.command_line import TREES, call
 
 
@@ -75,3 +77,35 @@ def test_weights_that_have_seen_what_they_would_be_tested_on_are_refused(refused
 def test_weights_that_have_seen_other_machines_are_not(refused, trained):
     apart = (f"begin='{trained}/run'", "runs=25", "data_seed=8")
     refused("train", "trees do not go on from others", *TREES, *apart)
+
+
+def test_weights_whose_weights_have_seen_it_are_refused(refused, trained, tmp_path):
+    later = tmp_path / "later"
+    shutil.copytree(trained / "run", later)
+    config = read_yaml(later / "config.yaml")
+    config |= {"begin": str(trained / "run")}
+    config["data"]["source"]["simulation"]["seed"] = 8
+    (later / "config.yaml").write_text(yaml.safe_dump(config))
+    words = r"run has seen recordings that this training would be tested on \(split_seed differ\)"
+    refused("train", words, *TREES, f"begin='{later}'", "split_seed=7")
+
+
+def test_weights_that_have_seen_a_stored_data_set_are_refused(refused, trained):
+    stored = next((trained / "outputs/datasets").iterdir())
+    stored = ("data=stored", f"data.source.path='{stored}'", "split_seed=7")
+    words = "has seen recordings that this training would be tested on"
+    refused("train", words, *TREES, f"begin='{trained}/run'", *stored)
+
+
+@pytest.mark.parametrize("other", ["sensors=crank", "joint=unknown"])
+def test_weights_that_read_something_else_are_refused(refused, trained, other):
+    words = "reads .* for clearance_c, and this training .*; set sensors and joint as there"
+    refused("train", words, *TREES, f"begin='{trained}/run'", other)
+
+
+def test_what_is_finished_needs_the_weights_it_began_with_no_more(trained, tmp_path, monkeypatch, capfd):
+    shutil.copytree(trained, tmp_path / "home")
+    monkeypatch.chdir(tmp_path / "home")
+    config = read_yaml(tmp_path / "home/run/config.yaml") | {"begin": "gone"}
+    (tmp_path / "home/run/config.yaml").write_text(yaml.safe_dump(config))
+    assert call(monkeypatch, capfd, "train", *TREES, "hydra.run.dir=run", "begin=gone")[0] == 0

@@ -4,10 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 from safetensors.numpy import load_file
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from clearance.evaluation.results import collect
+from clearance.train import of_seed
 from clearance.whole_files import read_yaml
 from tests.command_line import SMALL, call
 
@@ -80,3 +82,16 @@ def test_what_a_kill_between_two_seeds_left_is_finished_without_training(train, 
     rows = collect(tmp_path / "run")  # whatever the folder is called
     assert [(row["experiment"], row["seed"]) for row in rows] == [("smoke", row["seed"]) for row in rows]
     assert rows[0]["overrides"] == ["model.net.hidden_size=16", "model.net.fold=4"]
+
+
+@pytest.mark.parametrize(
+    ("folder", "expected"),
+    [
+        ("a/model=gru,seeds=[1,2],trainer.monitor=val/loss", "a/model=gru,seed=2,trainer.monitor=val/loss"),
+        ("seeds=[7]/x/seeds=[1,2]", "seeds=[7]/x/seed=2"),
+        ("a/mine", "a/mine/seed=2"),
+    ],
+)
+def test_a_folder_is_named_by_its_seed(folder, expected):
+    cfg = OmegaConf.create({"folder": folder, "seeds": [1, 2], "seed": 42})
+    assert of_seed(cfg, 2) == {"folder": expected, "seeds": None, "seed": 2}

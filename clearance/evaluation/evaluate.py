@@ -14,8 +14,7 @@ from clearance.evaluation.figures import (
     location_confusion,
     predicted_against_true,
 )
-from clearance.models.gauge import Gauge, by_recording, estimate_windows
-from clearance.models.interval import robust_mean
+from clearance.models.gauge import Gauge, by_recording, estimate_windows, point
 from clearance.models.location import LOCATIONS, location
 from clearance.windows.datamodule import WindowData
 from clearance.windows.window_set import WindowSet
@@ -57,7 +56,7 @@ def evaluate(gauge: Gauge, data: WindowData, windows: WindowSet, metrics: Metric
     recording = windows.recording.numpy()
     truth = data.recordings.target[recording]
     pairs = by_recording(estimate, windows, data.recordings.target)
-    points = np.array([[robust_mean(own) for own in values.T] for values, _ in pairs])
+    points = np.array([[point(own) for own in values.T] for values, _ in pairs])
     clearances = np.array([clearances for _, clearances in pairs])
     result: dict[str, float] = {}
     for prefix, found, true in (("", estimate, truth), ("recording_", points, clearances)):

@@ -93,7 +93,7 @@ _HEAD = (
     "NRMSE, window",
     "95 % of errors below",
     "NMAE, recording",
-    "90 % interval holds",
+    "interval holds",
     "training",
 )
 

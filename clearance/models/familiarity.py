@@ -18,6 +18,7 @@ _BANDS = 8
 _NEIGHBOURS = 5
 _MOST_REFERENCES = 500  # bounds the file; more bring the nearest ones hardly nearer
 _FLOOR = 1e-8  # scaled units squared: a band without energy
+_STILL = 1e-3  # of a channel that was constant in training, in its unit: more is another constant, or none
 
 
 @dataclass(frozen=True)
@@ -85,13 +86,17 @@ class Familiarity:
         """Whether to trust (samples, channels) scaled samples, and why not in plain words."""
         if not np.isfinite(recording).all():
             return False, "holds NaN or infinite samples"
-        deviation = recording.std(axis=0)
-        for name, varies, value in zip(self.channels, self.varying, deviation, strict=True):
-            if not varies and value > 1e-3:  # constant channels are not divided: [channel's unit]
+        levels, deviations = recording.mean(axis=0), recording.std(axis=0)
+        for name, varies, level, value in zip(
+            self.channels, self.varying, levels, deviations, strict=True
+        ):  # a constant channel is centred and not divided: [channel's unit]
+            if not varies and value > _STILL:
                 return (
                     False,
                     f"{name} was constant in training and varies here (standard deviation {value:.3g})",
                 )
+            if not varies and abs(level) > _STILL:
+                return False, f"{name} was constant in training and lies {level:+.3g} from there here"
         place = max(int(np.searchsorted(self.windows, len(recording) // self.length, side="right")) - 1, 0)
         distance, gap = self._distance(features(recording, self.length, self.rate))
         if distance <= self.limits[place]:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from clearance.errors import InputError
 from clearance.mechanism.parameters import require
@@ -17,12 +16,11 @@ from clearance.models.interval import ConformalInterval, robust_mean, spread
 from clearance.models.location import choose_threshold
 from clearance.recording.chain import chain_differences, declared_chain
 from clearance.recording.position import elsewhere
+from clearance.recording.recording import SAME_RATE
 from clearance.whole_files import read_json, write_json
 from clearance.windows.datamodule import TARGETS, WindowData
 from clearance.windows.scaling import Scalers
-from clearance.windows.sources import SAME_RATE
 from clearance.windows.window_set import WindowSet
-from clearance.windows.windowing import RegularWindows
 
 log = logging.getLogger(__name__)
 
@@ -172,16 +170,7 @@ class Gauge:
         if not np.isfinite(signals).all():
             raise InputError("holds NaN or infinite samples: finite values are needed; repair the recording")
         scaled = self.scalers.signals.transform(signals)
-        starts, place = RegularWindows(known.length, known.length).starts(
-            np.array([len(scaled)]), np.random.default_rng(0)
-        )
-        windows = WindowSet(
-            torch.from_numpy(scaled),
-            torch.from_numpy(starts),
-            torch.from_numpy(place),
-            torch.zeros(len(starts), len(self.targets)),
-            known.length,
-        )
+        windows = WindowSet.side_by_side(scaled, np.array([len(scaled)]), known.length, len(self.targets))
         values = estimate_windows(self.estimator, self.scalers, windows)
         trusted, reason = known.judge(scaled)
         differences = [chain_differences(chain, self.chain), *self._moved(positions or {})]

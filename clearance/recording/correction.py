@@ -6,6 +6,7 @@ narrower one stays, like the noise. An encoder's angle that begins again after e
 counted on.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,14 +23,22 @@ _LOUDER = 2.0  # times: amplification, near the Nyquist frequency, up to which a
 _PARALLEL = 0.1  # cosine of the angle by which two axes differ from a right one: less tells them not apart
 
 
-def corrected(recording: Recording) -> Recording:
+def corrected(recording: Recording, channels: Sequence[str] | None = None) -> Recording:
     """What ideal sensors would have written; the same object where nothing is declared or begins again.
+
+    Args:
+        recording: as it was read.
+        channels: that are wanted, in their order: what is wrong with others does no harm; ``None``: all.
 
     Raises:
         InputError: if an angle that begins again turns too far between samples, or does so after no whole
             number of turns; if a mounting angle is declared for an axis whose partner was not recorded, or
             leaves both axes of a pair along about one direction.
     """
+    if channels is not None:
+        partners = {name for pair in AXIS_PAIRS if set(pair) & set(channels) for name in pair}
+        beside = [name for name in recording.channels if name in partners and name not in channels]
+        return corrected(recording.select([*channels, *beside])).select(channels)
     recording = _counted_on(recording)
     chain = declared_chain(recording)
     if not chain.sensors:

@@ -16,6 +16,7 @@ from uuid import uuid4
 import google_crc32c
 import numpy as np
 import zarr
+from filelock import FileLock
 from zarr.codecs import Crc32cCodec
 
 from clearance.errors import InputError
@@ -113,12 +114,14 @@ class Dataset:
                 f"dataset = {folder} was made with other settings ({differing}); choose another dataset= path"
             )
         if dataset.runs < len(labels):
-            dataset._grow(labels)
+            with FileLock(folder / "growing.lock"):
+                dataset = cls.open(folder)  # another may have grown it meanwhile, and further
+                if dataset.runs < len(labels):
+                    dataset._grow(labels)
         return dataset
 
     def _grow(self, labels: np.ndarray) -> None:
-        # Several writers may do this at once: each writes the same bytes, whole files at a time. The signals
-        # come last, because their number is the data set's: a kill before leaves the smaller one.
+        # The signals come last, because their number is the data set's: a kill before leaves the smaller one.
         self._labels.resize(labels.shape)
         self._labels[:] = labels
         self._signals.resize((len(labels), *self._signals.shape[1:]))

@@ -23,7 +23,7 @@ from clearance.errors import InputError
 from clearance.recording.bounds import listing, resembling
 from clearance.recording.channels import CHANNELS, TIME, si_factor, si_unit
 from clearance.recording.declaration import Declaration, read_declaration
-from clearance.recording.recording import Recording
+from clearance.recording.recording import SAME_RATE, Recording
 from clearance.recording.tables import FORMATS, Table, read_table
 from clearance.recording.timing import TimeBase, uniform_time_base
 from clearance.whole_files import write_atomically
@@ -225,8 +225,9 @@ def _time_base(
 def _consistent_chain(chain: Mapping[str, float], rate: float) -> dict[str, float]:
     if "base_rate" in chain and "decimation" in chain:
         delivered = chain["base_rate"] / chain["decimation"]
-        # 1e-3: a declared clock is nominal, a recorded one is measured.
-        if abs(delivered - rate) > 1e-3 * rate:
+        if (
+            abs(delivered - rate) > SAME_RATE * rate
+        ):  # a declared clock is nominal, a recorded one is measured
             raise InputError(
                 f"chain: base_rate / decimation is {delivered:g} Hz, the recording has {rate:g} Hz; "
                 "correct chain.base_rate or chain.decimation"

@@ -12,6 +12,9 @@ from clearance.errors import InputError
 from clearance.recording.bounds import listing, resembling
 from clearance.recording.channels import CHANNELS, require_channel
 
+SAME_RATE = 1e-3
+"""Relative: clocks of real loggers are better than that."""
+
 RATE_LIMITS = (
     20.0,
     1e6,

@@ -15,8 +15,8 @@ from clearance.errors import InputError
 from clearance.recording.chain import declared_chain
 from clearance.recording.correction import corrected
 from clearance.recording.position import declared_positions, elsewhere
-from clearance.recording.recording import Recording
-from clearance.windows.sources import SAME_RATE, FixedSource, LabelledRecordings, check_memory
+from clearance.recording.recording import SAME_RATE, Recording
+from clearance.windows.sources import FixedSource, LabelledRecordings, check_memory
 
 
 @dataclass
@@ -41,7 +41,7 @@ class MeasuredSource(FixedSource):
             file = listed.parent / str(entry["path"])
             recording = self.read(file)
             try:
-                signals.append(corrected(recording).select(channels).values.astype(np.float32))
+                signals.append(corrected(recording, channels).values.astype(np.float32))
                 chains.append(declared_chain(recording.metadata.get("chain")))
                 places.append(declared_positions(recording))
             except InputError as error:
@@ -107,7 +107,7 @@ def _common(places: Sequence[Mapping[str, float]], path: str) -> dict[str, float
 def _entries(path: Path) -> list[dict[str, Any]]:
     try:
         text = path.read_text(encoding="utf-8-sig")
-        entries = _rows(text) if path.suffix == ".csv" else yaml.safe_load(text)
+        entries = _rows(text) if path.suffix.lower() == ".csv" else yaml.safe_load(text)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(
             f"{path}: not a readable list of recordings ({error}); set data.source.path"
@@ -129,7 +129,11 @@ def _rows(text: str) -> list[dict[str, Any]]:
     """Rows of a table with commas, semicolons or tabs between its columns."""
     lines = text.splitlines()
     header = lines[0] if lines else ""
-    return list(csv.DictReader(lines, delimiter=max(",;\t", key=header.count)))
+    rows = csv.DictReader(lines, delimiter=max(",;\t", key=header.count))
+    return [
+        {str(name).strip(): value.strip() if isinstance(value, str) else value for name, value in row.items()}
+        for row in rows
+    ]
 
 
 def _float(given: Any) -> float:

@@ -23,8 +23,6 @@ from clearance.recording.synthesis import Campaign
 from clearance.windows.splitting import RandomSplit, Split
 
 log = logging.getLogger(__name__)
-SAME_RATE = 1e-3
-"""Relative: clocks of real loggers are better than that."""
 
 
 @dataclass
@@ -138,9 +136,14 @@ class SimulatedSource(FixedSource):
 
     def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Read the runs asked for, even where the store has grown beyond them."""
-        return read_dataset(
-            Dataset.open(self._path), channels, targets, limit, self.start_time, self.simulation.runs
-        )
+        dataset, runs = Dataset.open(self._path), self.simulation.runs
+        missing = [run for run in dataset.missing() if run < runs]
+        if missing or dataset.runs < runs:
+            raise InputError(
+                f"data.source.folder={self.folder}: {self._path.name} has lost {len(missing) or 'some'} of "
+                f"its {runs} runs since they were simulated; the same command simulates them again"
+            )
+        return read_dataset(dataset, channels, targets, limit, self.start_time, runs)
 
     @property
     def _path(self) -> Path:

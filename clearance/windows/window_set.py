@@ -9,6 +9,8 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset
 
+from clearance.windows.windowing import RegularWindows
+
 
 class Batch(NamedTuple):
     """Windows and what they should give."""
@@ -26,6 +28,23 @@ class WindowSet(Dataset[Batch]):
     recording: Tensor  # (windows,) int64, index of the window's recording
     target: Tensor  # (windows, targets) float32, scaled
     length: int  # [samples]
+
+    @classmethod
+    def side_by_side(cls, signals: np.ndarray, lengths: np.ndarray, length: int, targets: int) -> "WindowSet":
+        """Windows of ``length`` samples that do not overlap, of recordings whose clearances are not known.
+
+        Args:
+            signals: (total samples, channels) scaled, one recording behind the other.
+            lengths: (recordings,) samples of each.
+            length: of a window [samples].
+            targets: clearances that a model estimates.
+        """
+        starts, place = RegularWindows(length, length).starts(lengths, np.random.default_rng(0))
+        offsets = np.cumsum(lengths) - lengths
+        return cls(
+            torch.from_numpy(signals), torch.from_numpy(starts + offsets[place]), torch.from_numpy(place),
+            torch.zeros(len(starts), targets), length,
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.starts)

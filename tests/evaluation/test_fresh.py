@@ -66,11 +66,33 @@ def test_of_recordings_that_no_campaign_made_nothing_fresh_is_simulated(tmp_path
     assert not (tmp_path / FRESH).exists()
 
 
+def test_of_what_was_asked_a_run_that_fails_is_not_asked_again(forest, tmp_path, monkeypatch):
+    gauge, campaign = forest
+    asked, plain = [], Campaign.fresh
+
+    def fresh(self, runs, epoch):
+        asked.append(runs)
+        return plain(self, runs - 1, epoch)
+
+    monkeypatch.setattr(Campaign, "fresh", fresh)
+    monkeypatch.setattr("clearance.evaluate.load_gauge", lambda run: gauge)
+    monkeypatch.setattr("clearance.evaluate.instantiate_trusted", lambda config, where: campaign)
+    source = {"source": {"_target_": "clearance.windows.sources.SimulatedSource"}}
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump({"campaign": {"runs": 3}, "data": source}))
+    measure_coverage(tmp_path, 3)  # without weights there is nothing to measure
+    (tmp_path / "model.npz").touch()
+    for _ in range(2):
+        measure_coverage(tmp_path, 3)
+    assert asked == [3]
+    assert read_fresh(tmp_path)[0]["summary"]["recordings"] == 2
+
+
 def test_fresh_runs_that_all_fail_are_one_line(forest, tmp_path, monkeypatch):
     gauge, campaign = forest
     monkeypatch.setattr(Campaign, "fresh", lambda self, runs, epoch: ([], np.empty((0, 3))))
     monkeypatch.setattr("clearance.evaluate.load_gauge", lambda run: gauge)
     monkeypatch.setattr("clearance.evaluate.instantiate_trusted", lambda config, where: campaign)
+    (tmp_path / "model.npz").touch()
     source = {"source": {"_target_": "clearance.windows.sources.SimulatedSource"}}
     (tmp_path / "config.yaml").write_text(yaml.safe_dump({"campaign": {"runs": 3}, "data": source}))
     with pytest.raises(
@@ -96,6 +118,7 @@ def test_fresh_recordings_begin_where_those_of_the_training_did(
     monkeypatch.setattr("clearance.evaluate.load_gauge", lambda run: gauge)
     made = replace(campaign, duration=3.0, record_start=2.0)
     monkeypatch.setattr("clearance.evaluate.instantiate_trusted", lambda config, where: made)
+    (tmp_path / "model.npz").touch()
     source = {"_target_": "clearance.windows.sources.SimulatedSource", "start_time": start_time}
     (tmp_path / "config.yaml").write_text(
         yaml.safe_dump({"campaign": {"runs": 3}, "data": {"source": source}})

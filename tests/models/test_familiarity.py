@@ -72,6 +72,9 @@ def test_a_channel_that_was_constant_must_stay_so():
     trusted, reason = familiarity.judge(recordings(rng, 1)[0])
     assert not trusted
     assert "rod_c_axial was constant in training" in reason
+    trusted, reason = familiarity.judge(still(1)[0] + [0.0, 9.81])  # gravity, where there was none
+    assert not trusted
+    assert "rod_c_axial was constant in training and lies +9.81 from there" in reason
 
 
 def test_the_rate_that_is_stated_is_one_that_can_be_kept():

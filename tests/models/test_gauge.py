@@ -6,6 +6,7 @@ import pytest
 
 from clearance.errors import InputError
 from clearance.models.gauge import Gauge
+from clearance.models.interval import robust_mean
 from clearance.recording.chain import declared_chain
 from tests.models.conftest import configured
 
@@ -69,7 +70,9 @@ def test_a_recording_is_scaled_as_in_training(trained):
         windows.recording.numpy() == index
     ]
     # Scaling back and forth costs the last bits of single precision, which may move a sample past a split.
-    assert gauge.estimate(raw, 1e4)[0].spread_m == pytest.approx(
+    found = gauge.estimate(raw, 1e4)[0]
+    assert found.clearance_m == pytest.approx(max(robust_mean(expected[:, 0]), 0.0), rel=0.01, abs=2e-6)
+    assert found.spread_m == pytest.approx(
         1.4826 * np.median(np.abs(expected - np.median(expected))), rel=0.2, abs=1e-6
     )
 

@@ -93,3 +93,21 @@ def test_a_mounting_angle_needs_both_axes():
     alone = truth(PAIR[:1], {"sensors": {"rod_c_transverse": {"mounting_angle": 4.0}}})
     with pytest.raises(InputError, match="rod_c_axial is not recorded"):
         corrected(alone)
+
+
+def test_what_is_wrong_with_a_channel_that_nobody_asks_for_does_no_harm():
+    declared = {"rod_c_axial": {"bias": 0.7}, "rod_b_axial": {"mounting_angle": 4.0}}
+    channels = ("rod_c_axial", "rod_b_axial", "rod_c_transverse")
+    alone = corrected(truth(channels, {"sensors": declared}), ("rod_c_transverse", "rod_c_axial"))
+    assert alone.channels == ("rod_c_transverse", "rod_c_axial")
+    np.testing.assert_allclose(alone.values[:, 1], truth(channels).values[:, 0] - 0.7)
+    with pytest.raises(InputError, match="rod_b_transverse is not recorded"):
+        corrected(truth(channels, {"sensors": declared}))
+
+
+def test_a_partner_that_nobody_asks_for_still_undoes_an_angle():
+    declared = {name: {"mounting_angle": 4.0} for name in PAIR}
+    recording = truth(metadata={"sensors": declared})
+    np.testing.assert_array_equal(
+        corrected(recording, PAIR[1:]).values, corrected(recording).select(PAIR[1:]).values
+    )

@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -56,6 +57,31 @@ def test_a_larger_campaign_goes_on_with_the_same_runs(whole, tmp_path):
     grown = SMALL.generate(tmp_path / "data")
     np.testing.assert_array_equal(contents(grown), contents(whole))
     np.testing.assert_array_equal(grown.labels["clearance_c"], whole.labels["clearance_c"])
+
+
+def test_of_two_that_grow_a_data_set_at_once_the_larger_one_wins(tmp_path, monkeypatch):
+    replace(SMALL, runs=3).generate(tmp_path / "data")
+    plain, inside = Dataset._grow, []
+
+    def slow(dataset, labels):
+        if not inside:  # the smaller one waits here for the larger one, which must wait for it in turn
+            inside.append(len(labels))
+            larger = threading.Thread(target=SMALL.generate, args=(tmp_path / "data",))
+            larger.start()
+            larger.join(timeout=0.5)
+            assert larger.is_alive()
+            waiting.append(larger)
+        plain(dataset, labels)
+
+    waiting = []
+    monkeypatch.setattr(Dataset, "_grow", slow)
+    replace(SMALL, runs=6).generate(tmp_path / "data")
+    waiting[0].join()
+    assert len(inside) == 1
+    grown = Dataset.open(tmp_path / "data")
+    assert grown.runs == 20
+    assert len(grown.missing()) == 0
+    np.testing.assert_array_equal(grown.labels["speed"], SMALL.labels(range(20))[:, 2])
 
 
 def test_physics_that_nobody_knows_is_drawn_for_each_run(whole):

@@ -290,3 +290,20 @@ def test_runs_that_are_still_missing_are_told(campaign, tmp_path, monkeypatch):
     loaded("data=stored", f"data.source.path={store.path}")
     assert len(told) == 1
     assert "data: 1 of its 6 runs are not simulated yet" in told[0]
+
+
+def test_runs_that_are_lost_after_their_simulation_are_not_trained_without(tmp_path):
+    data = instantiate(composed(f"data.source.folder={tmp_path}").data, _convert_="all")
+    data.prepare_data()
+    next(tmp_path.rglob("signals/c/2/0/0")).unlink()
+    with pytest.raises(InputError, match=f"has lost 1 of its {RUNS} runs since"):
+        data.setup()
+
+
+def test_a_list_may_have_blanks_behind_its_commas(measured):
+    table = measured.with_name("BLANKS.CSV")
+    table.write_text(measured.read_text().replace(",", ", "))
+    one, other = (
+        loaded("data=measured", f"data.source.path={path}").recordings for path in (measured, table)
+    )
+    np.testing.assert_array_equal(one.target, other.target)

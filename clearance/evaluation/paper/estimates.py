@@ -37,10 +37,10 @@ class PredictedAgainstTrue:
     seed: int
 
     def draw(self, found: Mapping[Training, Finished]) -> Figure | None:
-        """A panel a finished training; ``None`` if there is none, or one whose folder is not here."""
+        """A panel a finished training; ``None`` if there is none, or one whose weights are not here."""
         wanted = {m: Training(Setting(m, joint=self.joint), self.split_seed, self.seed) for m in self.models}
         runs = {model: found[key] for model, key in wanted.items() if key in found}
-        if not runs or any(run.path is None for run in runs.values()):
+        if not runs or any(run.path is None or not any(run.path.glob("model.*")) for run in runs.values()):
             return None
         figure = new_figure(4.2 * len(runs), 4.3)
         panels = np.atleast_1d(figure.subplots(1, len(runs), sharex=True, sharey=True))

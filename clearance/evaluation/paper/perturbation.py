@@ -22,7 +22,6 @@ from clearance.whole_files import read_yaml
 from clearance.windows.sources import LabelledRecordings, SimulatedSource
 from clearance.windows.splitting import RandomSplit
 from clearance.windows.window_set import WindowSet
-from clearance.windows.windowing import RegularWindows
 
 PERTURBED = "perturbed.json"
 _OTHER_SEED = 2_000_000  # added to the training's: the same new clearances and speeds for every perturbation
@@ -162,16 +161,12 @@ def subset(every: LabelledRecordings, indices: np.ndarray) -> LabelledRecordings
 
 def estimate(gauge: Gauge, recordings: LabelledRecordings) -> tuple[np.ndarray, np.ndarray]:
     """Estimated and true clearances (windows, targets) [m] of all windows side by side."""
-    length = gauge.familiarity.length
-    starts, place = RegularWindows(length, length).starts(recordings.lengths, np.random.default_rng(0))
-    windows = WindowSet(
-        torch.from_numpy(gauge.scalers.signals.transform(recordings.signals)),
-        torch.from_numpy(starts + recordings.offsets[place]),
-        torch.from_numpy(place),
-        torch.zeros(len(starts), recordings.target.shape[1]),
-        length,
-    )
-    return estimate_windows(gauge.estimator, gauge.scalers, windows), recordings.target[place]
+    windows = WindowSet.side_by_side(
+        gauge.scalers.signals.transform(recordings.signals), recordings.lengths, gauge.familiarity.length,
+        recordings.target.shape[1],
+    )  # fmt: skip
+    truth = recordings.target[windows.recording.numpy()]
+    return estimate_windows(gauge.estimator, gauge.scalers, windows), truth
 
 
 def evaluate_perturbed(

@@ -163,7 +163,9 @@ class OccupiedBandwidth(SliderSignals):
             low, high = occupied_band(values, rate)
             axes.loglog(frequency, density, color=_COLOURS[0], linewidth=0.5)
             axes.axvspan(low, high, color="#9dc3e6", alpha=0.5, linewidth=0)
-            axes.set(title=f"clearance {clearance * 1e3:g} mm: 99 % of the power below {high / 1e3:.2g} kHz")
+            axes.set(
+                title=f"clearance {clearance * 1e3:g} mm: 99.5 % of the power below {high / 1e3:.2g} kHz"
+            )
             axes.set(xlim=(_LOWEST, rate / 2), ylim=(density.max() * 1e-9, density.max() * 3))
         left.supylabel("power density [(m/s²)²/Hz]")
         panels[-1].set(xlabel="frequency [Hz]")
@@ -187,7 +189,7 @@ class OccupiedBandwidth(SliderSignals):
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.yaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_minor_formatter(NullFormatter())
-        axes.set(xlabel="clearance [mm]", ylabel="99 % of the power above 50 Hz lie below [kHz]")
+        axes.set(xlabel="clearance [mm]", ylabel="upper end of the band with 99 % of the power [kHz]")
         axes.legend(loc="lower right")
         return figure
 

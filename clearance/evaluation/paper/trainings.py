@@ -221,7 +221,7 @@ def reductions(found: Sequence[Finished]) -> dict[tuple[str, str, str], set[str]
 def _identify(config: Mapping[str, Any], folder: Path) -> Training:
     try:
         setting = Setting(
-            config["name"].split(" on ")[0],
+            config.get("chosen_model") or config["name"].split(" on ")[0],  # an older one has its name alone
             config["sensors"]["name"],
             config["joint"]["name"],
             config["chain"]["decimation"],
