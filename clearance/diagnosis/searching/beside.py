@@ -13,6 +13,7 @@ FAR = 20.0
 HALFWAY = 0.3  # of the base's misfit: a sensor's fault that reaches that is worth a path of its own
 SHARED = 0.6  # of it: what leaves less may be one of two effects that share what is missing
 NEARLY_ALL = 0.05  # of the nominal machine's misfit: what leaves less is built on
+MOSTLY = 0.1  # of it: a name that leaves less is there, alone or beside others
 BETTER = 0.8  # of the base's misfit: a model that does not reach that beside its path, or with one recording
 
 

@@ -53,6 +53,7 @@ _FAULTS = 2  # channels without which a fit is tried because the motion contradi
 _MANY, _ACCUSED = 7, 0.4  # channels of which one can be spared; left of the motion's disagreement without it
 _RAILED = 0.35  # of the motion's disagreement: rails that leave less come before any force
 _PAIRS = 3  # pairs that are fitted
+_CLEAR = 3  # pairs that a look is clear about
 
 
 def search_all(search: Search, explanation: Explanation, keep: Callable[[Explanation], None]) -> None:
@@ -160,8 +161,12 @@ class Course:
         self.build_on(PART if unnamed(self.explanation.best.hypotheses) is not None else SHARED)
 
     def plain(self) -> None:
-        """Single effects that promise much of what is missing."""
+        """Single effects that promise much of what is missing; beside a near path two that do together."""
         self._widen(self.prospects.plain)
+        if self.search.most > 1 and self.nominal.misfit < NEARLY:
+            for pair in self.prospects.clear[:_CLEAR]:
+                if not self._settled():
+                    self.search.follow(self.explanation, self.nominal, pair)
 
     def motion(self) -> None:
         """A guide that is loose, and dimensions that the motion alone points at."""
@@ -326,7 +331,7 @@ class Course:
             tables = reshape(search, explanation, base)
         if not self._settled(base):
             reshape_anew(search, explanation, base, tables)
-        if base.misfit > FAR and not self._settled(base):
+        if base.misfit > NEARLY and not self._settled(base):
             begin_inside(search, explanation, base)
         if not self._settled(base):
             begin_elsewhere(search, explanation, base)

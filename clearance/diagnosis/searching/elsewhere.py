@@ -16,7 +16,7 @@ from clearance.diagnosis.searching.everywhere import astray, between, fit_everyw
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import FRAME, GEOMETRIC, LOOSE_GUIDE
 from clearance.diagnosis.searching.search import Search
-from clearance.diagnosis.searching.significance import SURE, unsettled
+from clearance.diagnosis.searching.significance import SURE, incomplete, unsettled
 from clearance.diagnosis.searching.work import DRIVE
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import TabulatedForce
@@ -28,6 +28,8 @@ _AGAIN = (1.0, 3.0, 5.0)  # times the plausible damping with which a flexible pa
 _SUREST = 3  # effects that a linear look is sure of
 _ELSEWHERE = (DRIVE, "second_clearance", "rod_flexibility", FRAME, LOOSE_GUIDE)
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
+WORKLESS = ("second_clearance", "rod_flexibility")
+"""Those of them that take or give next to no work, so that the balance of it does not see them."""
 _OUTSIDE = ("crank", "rod", "slider")  # what acts there does work
 _FILM, _FRICTION = "joint_lubrication", "joint_friction"
 _INSIDE = (_FRICTION, "contact_stiffness", "restitution")
@@ -36,7 +38,11 @@ _RUBBING = (0.1, 0.25, 0.03)  # coefficients from which a table of friction begi
 
 
 def begin_elsewhere(
-    search: Search, explanation: Explanation, base: Attempt, clearance: float | None = None
+    search: Search,
+    explanation: Explanation,
+    base: Attempt,
+    clearance: float | None = None,
+    names: Sequence[str] = _ELSEWHERE,
 ) -> None:
     """Fit effects that add coordinates or change much at once, from plausible sizes, beside ``base``.
 
@@ -48,9 +54,12 @@ def begin_elsewhere(
         explanation: added to.
         base: attempt beside which they are fitted.
         clearance: from which they are tried [m]; that of ``base`` if ``None``.
+        names: of them that are tried.
     """
     tried = (DRIVE,) if base is explanation.nominal and base.misfit > FAR else ()  # in ``begin_plausible``
-    groups = [g for g in _judged_elsewhere(search.others(base)) if g[0].name not in tried]
+    groups = [
+        g for g in _judged_elsewhere(search.others(base)) if g[0].name in names and g[0].name not in tried
+    ]
     _try_out(search, explanation, base, groups, clearance)
 
 
@@ -166,7 +175,7 @@ def begin_inside(
     clearance: float | None = None,
     anew: bool = False,
 ) -> None:
-    """Fit what acts inside the joint from plausible sizes beside ``base``, where that does not explain.
+    """Fit what acts inside the joint from plausible sizes beside ``base``, where that lacks something.
 
     Beside a path that is not right yet a linear look at impacts tells little of these: a film shows as a gap
     that is too small, and friction of 0.09 as one of 0.016, from where no way leads on. Where films or
@@ -182,7 +191,7 @@ def begin_inside(
         anew: whether paths are sought with them: those of the nominal machine lack what ``base`` has.
     """
     shown, joint, alone = search.profile.best, search.setting.joint, base is explanation.nominal
-    if explained(base):
+    if explained(base) and not incomplete(base):
         return
     if clearance is None and alone and astray(base.fit.values[0, 0], shown):
         clearance = shown

@@ -9,8 +9,8 @@ from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.searching.balance import Suggested, settle_in, suggest_forces
-from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, NEARLY_ALL, SHARED, beside
-from clearance.diagnosis.searching.elsewhere import begin_again, begin_inside
+from clearance.diagnosis.searching.beside import HALFWAY, MOSTLY, NEARLY, NEARLY_ALL, SHARED, beside
+from clearance.diagnosis.searching.elsewhere import WORKLESS, begin_again, begin_elsewhere, begin_inside
 from clearance.diagnosis.searching.everywhere import between, fit_from
 from clearance.diagnosis.searching.explanation import Explanation, Worked
 from clearance.diagnosis.searching.from_motion import begin_wear
@@ -113,7 +113,7 @@ class _Balancing:
         return explained(best) or near or self.search.late()
 
     def _fit(self, one: Balanced) -> bool:
-        """Fit one force, a table then with more knots or with jumps; whether it explains nearly all."""
+        """Fit one force, a table then with more knots or with jumps; whether it is there beyond doubt."""
         found, table = _follow_table(self.search, self.explanation, one)
         near = NEARLY_ALL * self.explanation.nominal.misfit
         if found is None or not (explained(found) or found.misfit < near):
@@ -128,13 +128,13 @@ class _Balancing:
         nominal = self.explanation.nominal
         if one.curve is None and self._shares(found):
             self._named_cost = min(self._named_cost, one.cost)
-        return found.misfit < NEARLY_ALL * nominal.misfit
+        return found.misfit < (MOSTLY if one.curve is None else NEARLY_ALL) * nominal.misfit
 
     def _shares(self, found: Attempt) -> bool:
         return found.misfit < SHARED * self.explanation.nominal.misfit
 
     def _ask_beside(self, one: Balanced) -> None:
-        """Fit rails, lobes, or what acts inside the joint beside a sure name, from the values of the balance.
+        """Fit beside a sure name rails, lobes, what acts inside the joint, another gap, or a rod that bends.
 
         They do no work, so that the balance knows the name as well without them; a path that lacks them leads
         its values astray.
@@ -152,6 +152,8 @@ class _Balancing:
         if not (explained(explanation.best) or search.late()):
             base = _with(explanation.nominal, search.setting, one)
             begin_inside(search, explanation, base, one.clearance, anew=True)
+            if not (explained(explanation.best) or search.late()):
+                begin_elsewhere(search, explanation, base, one.clearance, WORKLESS)
 
     def _one_of_two(self, one: Balanced) -> bool:
         """Whether beside an effect that is surely there, alone or as one of two, a second one helps."""

@@ -5,20 +5,27 @@ from contextlib import contextmanager
 
 from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import unnamed
-from clearance.diagnosis.searching.beside import NEARLY
+from clearance.diagnosis.searching.beside import MOSTLY, NEARLY
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE
 
 PART = 0.3  # of what was left: an effect that leaves less is a part of the truth, or close to one
+_HARDLY = 1.1  # times what a table leaves: where fewer knots leave no more, it is no matter of its shape
 _SEEN = 0.5  # likewise of a dimension, which the motion vouches for whatever the forces
 
 
 def named(explanation: Explanation) -> Attempt:
-    """The best attempt; where it has a table that leaves much all the same, the best without one."""
+    """The best attempt; where it has a table that leaves much all the same, the best without one.
+
+    So it is where a finer table does not explain either and a name leaves little of what is missing: the
+    table may do what several things do together, and the name is one of them.
+    """
     best = explanation.best
     without = min((a for a in explanation.standing if unnamed(a.hypotheses) is None), key=explanation.price)
     little = explanation.price(best) < PART * explanation.price(without)
-    return best if unnamed(best.hypotheses) is not None and little else without
+    nearly = without.misfit < MOSTLY * explanation.nominal.misfit
+    several = nearly and not explained(best) and _refined(explanation, best)
+    return best if unnamed(best.hypotheses) is not None and little and not several else without
 
 
 def unfinished(explanation: Explanation, most: float) -> Attempt:
@@ -75,9 +82,10 @@ def enough(explanation: Explanation) -> bool:
 
 
 def _refined(explanation: Explanation, best: Attempt) -> bool:
-    """Whether a table with more knots was fitted in the place of the best one."""
-    label, knots = best.label, best.model.shared
-    return any(a.label == label and a.model.shared > knots for a in explanation.attempts)
+    """Whether a table with more knots was fitted in its place, or it has more and leaves hardly less."""
+    knots, others = best.model.shared, [a for a in explanation.attempts if a.label == best.label]
+    more = any(a.model.shared > knots for a in others)
+    return more or any(a.model.shared < knots and a.misfit < _HARDLY * best.misfit for a in others)
 
 
 def _loose(attempt: Attempt) -> bool:

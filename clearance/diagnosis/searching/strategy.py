@@ -7,8 +7,9 @@ from clearance.diagnosis.hypotheses.free_form import unnamed
 from clearance.diagnosis.searching.confirm import confirm
 from clearance.diagnosis.searching.course import search_all
 from clearance.diagnosis.searching.edges import place_edges
-from clearance.diagnosis.searching.elsewhere import begin_elsewhere, begin_sure
+from clearance.diagnosis.searching.elsewhere import begin_elsewhere, begin_inside, begin_sure
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.parts import unfinished
 from clearance.diagnosis.searching.scrutiny import contest, hear, scrutinise
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.shaken import begin_shaking
@@ -26,11 +27,12 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
     A frame that its sensors feel shaking comes first, then the steps of a ``Course``. Where something is
     left, a load's edges are looked for along the stroke, and a table is put to the test against names. Named
     effects that explain are followed anew. What explains is looked beside for what is small; where effects
-    leave more than right ones do, for others that a linear look cannot judge; where nothing takes away what
-    is too much for a machine with nothing missing, effects that a linear look is sure of, then small forces
-    of free form, then effects that it cannot judge, are tried on paths of their own. What was put together is
-    followed anew. A named force must stand against one of free form in its place. What is not needed is
-    pruned. A nominal machine that explains is fitted on the path of what explains more.
+    leave more than right ones do, for what acts inside the joint, and for what a linear look cannot judge.
+    Where nothing takes away what is too much for a machine with nothing missing, effects that a linear look
+    is sure of, then small forces of free form, then effects that it cannot judge, are tried on paths of their
+    own. What was put together is followed anew. A named force must stand against one of free form in its
+    place. What is not needed is pruned. A nominal machine that explains is fitted on the path of what
+    explains more.
 
     Args:
         search: after its nominal stage.
@@ -48,6 +50,9 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
     confirm(search, explanation)
     confirmed = explanation.best
     scrutinise(search, explanation)
+    base = unfinished(explanation, search.most)
+    if incomplete(explanation.best) and explained(base) and not search.late():
+        begin_inside(search, explanation, base)
     if incomplete(explanation.best) and len(explanation.best.hypotheses) < search.most and not search.late():
         begin_elsewhere(search, explanation, explanation.best)
     retry_nominal(search, explanation)

@@ -1,7 +1,7 @@
 """Beside what was found so far: which hypotheses promise to explain more, and what comes of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -36,6 +36,7 @@ _PLAIN = 0.3  # of it: such effects come early
 _DEAF = 2  # channels without which a fit is tried
 _SUSPECTED = 3  # faults of a channel that are fitted
 _RIVAL = 1.2  # times the misfit of the likeliest fault: on paths that are not final others may be right
+_CLEARLY = 1.3  # times what the best single one promises: two that promise more show together
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
 _LEFT = 0.5  # of what is missing beside a near path: more is left where no sensor is at fault
 _CLIPPED, _LOUD, _QUIET = 9.0, 3.0, 1.5  # squares of residuals; means of a channel that glares, of others
@@ -51,6 +52,7 @@ class Prospects:
         likely: others that promise a good part of it.
         unlikely: others, which promise much less than that.
         pairs: of hypotheses.
+        clear: those of them that promise much of it, and clearly more than either alone.
     """
 
     obvious: list[Hint]
@@ -58,6 +60,7 @@ class Prospects:
     likely: list[Hint]
     unlikely: list[Hint]
     pairs: list[Hint]
+    clear: list[Hint] = field(default_factory=list)
 
     @property
     def promising(self) -> list[Hint]:
@@ -79,7 +82,8 @@ def look(search: Search, explanation: Explanation, base: Attempt) -> Prospects:
     plain = [hint for hint in hopeful[len(obvious) :] if hint.gain > _PLAIN * missing]
     promising = sum(hint.gain > _LIKELY * missing for hint in hopeful)
     likely = hopeful[len(obvious) + len(plain) : promising]
-    return Prospects(obvious, plain, likely, hopeful[promising:], found.pairs)
+    clear = [pair for pair in found.pairs if pair.gain > max(_PLAIN * missing, _CLEARLY * best)]
+    return Prospects(obvious, plain, likely, hopeful[promising:], found.pairs, clear)
 
 
 def _pushed(hint: Hint, explanation: Explanation) -> Hint:

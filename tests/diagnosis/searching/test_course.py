@@ -48,7 +48,7 @@ def test_something_small_that_leaves_most_does_not_end_the_search(nominal, gain,
         (200.0, 1.2, None, True), (200.0, 3.0, None, True), (200.0, 15.0, None, False),
         (8.0, 3.0, None, False),
         (200.0, 3.0, 3.4, False),  # more knots do not help: it is no matter of its shape
-        (200.0, 3.0, 2.0, True),
+        (200.0, 3.0, 2.0, True), (200.0, 3.0, 2.9, False),
     ],
 )  # fmt: skip
 def test_a_table_ends_the_search_where_only_its_shape_can_be_missing(nominal, misfit, finer, expected):
@@ -253,7 +253,7 @@ def fruitless(monkeypatch):
     return course
 
 
-@pytest.mark.parametrize(("left", "expected"), [(700.0, True), (15.0, False)])
+@pytest.mark.parametrize(("left", "expected"), [(700.0, True), (15.0, True)])
 def test_what_acts_inside_the_joint_is_tried_beside_a_part_that_is_far(
     monkeypatch, fruitless, left, expected
 ):
@@ -355,6 +355,37 @@ def test_a_table_that_leaves_much_is_not_built_on(table, expected):
     attempts = [attempt(["torque_ripple"], 305.0), attempt([FREE_FORM], table), attempt(["gravity"], 350.0)]
     found = named(Explanation(attempt([], 1450.0), attempts))
     assert [h.name for h in found.hypotheses] == [expected]
+
+
+@pytest.mark.parametrize(
+    ("name", "finer", "expected"),
+    [
+        (43.0, 8.2, "process_load"),
+        (43.0, 9.1, "process_load"),
+        (43.0, None, FREE_FORM),
+        (90.0, 8.2, FREE_FORM),
+        (43.0, 1.1, FREE_FORM),
+    ],
+)
+def test_a_name_is_built_on_where_no_finer_table_explains_what_it_leaves(name, finer, expected):
+    tables = [attempt([FREE_FORM], one) for one in (8.5, finer) if one is not None]
+    for knots, table in zip((12, 23), tables, strict=False):
+        table.label, table.model.shared = "free_form(slider x)", 1 + knots
+    found = named(Explanation(attempt([], 689.0), [attempt(["process_load"], name), *tables]))
+    assert [h.name for h in found.hypotheses] == [expected]
+
+
+@pytest.mark.parametrize(("misfit", "most", "expected"), [(3.4, 2, 3), (3.4, 1, 0), (5.0, 2, 0)])
+def test_two_that_promise_much_together_come_before_tables(monkeypatch, fruitless, misfit, most, expected):
+    hints, asked = list(range(5)), []
+    monkeypatch.setattr(fruitless + "look", lambda *_: Prospects([], [], [], [], [], hints))
+    monkeypatch.setattr(fruitless + "suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
+    search = SimpleNamespace(
+        recordings=[SimpleNamespace(channels=())], late=lambda: False, most=most,
+        follow=lambda explanation, base, hint: asked.append(hint),
+    )  # fmt: skip
+    search_all(search, Explanation(attempt([], misfit)), lambda _: None)
+    assert asked == [*hints[:expected], "curve"]
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def table_on_slider(argument):
 
 def follow(monkeypatch, suggested, fit, misfit, most, motion=lambda *_, **__: False):
     """Let a search beside a nominal machine with a misfit follow what the balance of work suggests."""
-    for name in ("begin_guide", "begin_wear", "begin_inside"):
+    for name in ("begin_guide", "begin_wear", "begin_inside", "begin_elsewhere"):
         monkeypatch.setattr(from_work, name, lambda *of, name=name, **more: motion(name, *of, **more))
     monkeypatch.setattr(from_work, "_with", lambda nominal, setting, one: one)
     monkeypatch.setattr(from_work, "suggest_forces", lambda *_: suggested)
@@ -279,7 +279,7 @@ def test_what_the_work_suggests_begins_between_two_clearances_where_it_is_not_fo
 @pytest.mark.parametrize(
     ("cost", "most", "rails", "expected"),
     [
-        (0.7, 2, False, ["begin_guide", "begin_wear", "begin_inside"]),
+        (0.7, 2, False, ["begin_guide", "begin_wear", "begin_inside", "begin_elsewhere"]),
         (0.7, 2, True, ["begin_guide"]),
         (0.7, 1, False, []),
         (1.7, 2, False, []),  # it may as well be another force
@@ -290,7 +290,10 @@ def test_beside_a_force_that_is_surely_there_and_not_followed_the_motion_is_aske
 ):
     def motion(name, search, explanation, base=None, *more, anew=False):
         asked.append(name)
-        held = {"begin_guide": [], "begin_wear": more[:1], "begin_inside": [getattr(base, "hypotheses", ())]}
+        inside = [getattr(base, "hypotheses", ())]
+        held = {
+            "begin_guide": [], "begin_wear": more[:1], "begin_inside": inside, "begin_elsewhere": inside,
+        }  # fmt: skip
         assert [h.name for one in held[name] for h in one] == ["slider_spring"] * len(held[name])
         assert anew == (name == "begin_inside")
         return rails
