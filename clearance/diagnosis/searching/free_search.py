@@ -214,21 +214,32 @@ def name_curve(search: Search, explanation: Explanation) -> None:
 
 def _name_torque(search: Search, explanation: Explanation, best: Attempt) -> None:
     """Try the effects that would turn the crank as a table on one of the links does, in its place."""
-    table = best.hypotheses[0]
-    if len(best.hypotheses) > 1 or (table.body, table.direction) not in PLACES or best.scale > ANNEALING[3]:
+    table = unnamed(best.hypotheses)
+    if table is None or (table.body, table.direction) not in PLACES or best.scale > ANNEALING[3]:
         return
+    others, places = [], [0]
+    column = 1
+    for hypothesis in best.hypotheses:
+        if hypothesis is not table:
+            others.append(hypothesis)
+            places.extend(range(column, column + len(hypothesis.unknowns)))
+        column += len(hypothesis.unknowns)
+    row = best.fit.values[0]
+    machine = best.model.machine(row)
+    if others:  # what the table does is told beside a machine that lacks the others, too
+        machine = replace(search.setting.with_clearance(float(row[0])), force=machine.force)
     try:
-        row = best.fit.values[0]
         with search.timed(rhythm_of(best)):
-            alike = suggest_names(search, best.model.machine(row), float(row[0]))
+            alike = suggest_names(search, machine, float(row[0]))
     except np.linalg.LinAlgError:
         return
-    for one in alike[:_LIKE]:
+    known = {hypothesis.name for hypothesis in others}
+    new = [one for one in alike if known.isdisjoint(h.name for h in one.hypotheses)]
+    for one in [one for one in new if len(others) + len(one.hypotheses) <= search.most][:_LIKE]:
         shown = ", ".join(f"{value:.3g}" for value in one.values)
         search.report(f"  the table does what {one.label} = {shown} would: {one.cost:.3g} are left")
-        rows = best.fit.values
-        values = np.array([[row[0], *one.values, row[-1]] for row in rows])
-        search.refit(explanation, one.hypotheses, best.followers, values, ANNEALING[2])
+        values = np.array([[*own[places], *one.values, own[-1]] for own in best.fit.values])
+        search.refit(explanation, [*others, *one.hypotheses], best.followers, values, ANNEALING[2])
         if explained(explanation.best) and unnamed(explanation.best.hypotheses) is None:
             return
 

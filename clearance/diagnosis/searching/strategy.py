@@ -52,7 +52,7 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
     scrutinise(search, explanation)
     base = unfinished(explanation, search.most)
     if incomplete(explanation.best) and explained(base) and not search.late():
-        begin_inside(search, explanation, base)
+        begin_inside(search, explanation, base, anew=True)
     if incomplete(explanation.best) and len(explanation.best.hypotheses) < search.most and not search.late():
         begin_elsewhere(search, explanation, explanation.best)
     retry_nominal(search, explanation)

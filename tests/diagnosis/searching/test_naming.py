@@ -1,6 +1,7 @@
 """A table that explains is put to the test against names, however late it is."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +12,7 @@ from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import name_curve
 from clearance.mechanism.applied_force import TabulatedForce
+from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.judging.test_verdict import attempt
 
 NAMES = "clearance.diagnosis.searching.free_search.suggest_names"
@@ -46,8 +48,40 @@ def test_what_would_turn_the_crank_alike_is_tried_in_the_place_of_a_table(monkey
         clocks.append(rhythm)
         return nullcontext()
 
-    search = SimpleNamespace(report=lambda _: None, refit=refit, late=lambda: True, timed=timed)
+    search = SimpleNamespace(report=lambda _: None, refit=refit, late=lambda: True, timed=timed, most=1)
     name_curve(search, explanation)
     assert clocks == [Rhythm(0.2, (0.01,))]  # the balance of work is asked by the table's own clock
     assert asked == tried
     assert explanation.best.hypotheses[0].name == best
+
+
+@pytest.mark.parametrize(("most", "tried"), [(2, ["rod_inertia + process_load"]), (1, [])])
+def test_beside_a_name_too_a_table_gives_way_to_another_name(monkeypatch, most, tried):
+    best = attempt([FREE_FORM, "rod_inertia"], 1.08)
+    best.hypotheses[0].body, best.hypotheses[0].direction = "slider", "x"
+    best.fit.values = np.array([[3e-4, 5.0, 1.1, 700.0], [3e-4, 5.0, 1.1, 800.0]])
+    law = TabulatedForce("slider", "x", "slider_position", values=(5.0, 4.0), start=0.1, spacing=0.1)
+    best.model.machine = lambda row: SimpleNamespace(force=law)
+    nominal, asked, told = SliderCrank(), [], []
+
+    def names(search, machine, clearance):
+        told.append(machine)
+        return [
+            SimpleNamespace(
+                label=name, values=np.array([6.4]), cost=0.1, hypotheses=attempt([name], 1.0).hypotheses
+            )
+            for name in ("rod_inertia", "process_load")
+        ]
+
+    def refit(explanation, held, followers, values, scale):
+        asked.append(" + ".join(h.name for h in held))
+        np.testing.assert_array_equal(values, [[3e-4, 1.1, 6.4, 700.0], [3e-4, 1.1, 6.4, 800.0]])
+
+    monkeypatch.setattr(NAMES, names)
+    search = SimpleNamespace(
+        report=lambda _: None, refit=refit, late=lambda: True, timed=lambda _: nullcontext(), most=most,
+        setting=SimpleNamespace(with_clearance=lambda _: nominal),
+    )  # fmt: skip
+    name_curve(search, Explanation(attempt([], 40.0), [best]))
+    assert asked == tried
+    assert told == [replace(nominal, force=law)]

@@ -30,7 +30,7 @@ def test_effects_that_explain_less_than_right_ones_are_looked_beside(monkeypatch
     for name, asked in (("elsewhere", beside), ("inside", inside)):
         monkeypatch.setattr(
             strategy + f"begin_{name}",
-            lambda _, __, base, asked=asked: asked.extend(h.name for h in base.hypotheses),
+            lambda _, __, base, asked=asked, anew=True: asked.extend(h.name for h in base.hypotheses),
         )
     search = SimpleNamespace(late=lambda: False)
     search.most = 3
@@ -45,7 +45,7 @@ def test_beside_one_of_two_what_acts_inside_the_joint_is_asked(monkeypatch):
         "confirm", "prune", "begin_elsewhere",
     ):  # fmt: skip
         monkeypatch.setattr(strategy + name, lambda *_, **__: None)
-    monkeypatch.setattr(strategy + "begin_inside", lambda _, __, base: inside.append(base))
+    monkeypatch.setattr(strategy + "begin_inside", lambda _, __, base, anew: inside.append(base))
     one, two = attempt(["sensor_bias"], 1.28), attempt(["sensor_bias", "sensor_gain"], 1.21)
     find_explanation(
         SimpleNamespace(late=lambda: False, most=2), Explanation(attempt([], 8.8), [one, two]), lambda _: None
