@@ -332,7 +332,7 @@ class Course:
         if not self._settled(base):
             reshape_anew(search, explanation, base, tables)
         if base.misfit > NEARLY and not self._settled(base):
-            begin_inside(search, explanation, base)
+            begin_inside(search, explanation, base, anew=True)
         if not self._settled(base):
             begin_elsewhere(search, explanation, base)
         return base

@@ -23,6 +23,7 @@ from clearance.mechanism.applied_force import TabulatedForce
 
 _FITTED = 2  # of them that are fitted to all recordings
 _LEFT = 0.3  # of what a base that explains leaves: what is right leaves less
+_SOME = 0.6  # of it: so much from a plausible size is worth a fit
 _TRIALS = 3  # plausible shapes or sizes of an effect that are tried
 _AGAIN = (1.0, 3.0, 5.0)  # times the plausible damping with which a flexible part is followed again
 _SUREST = 3  # effects that a linear look is sure of
@@ -230,7 +231,8 @@ def _try_out(
         search.keep(
             explanation, one.held, lambda: fit_everywhere(search, one.held, one.row, surest, base, other)
         )  # fmt: skip
-        return explained(explanation.best) and explanation.best is not before
+        best, enough = explanation.best, little if explained(base) else EXPLAINED
+        return best is not before and explained(best) and best.misfit < enough
 
     for group in groups:
         own: list[_Tried] = []
@@ -253,8 +255,9 @@ def _try_out(
             tried.append(one)
         elif everywhere(one):  # of the others, too? one recording at one speed shows little of a motor
             return
+    some = 1.0 + _SOME * (base.misfits[surest] - 1.0)
     for one in sorted(tried, key=lambda one: one.misfit)[:_FITTED]:
-        if one.misfit > (little if explained(base) else good) or search.late() or everywhere(one):
+        if one.misfit > (some if explained(base) else good) or search.late() or everywhere(one):
             return
 
 

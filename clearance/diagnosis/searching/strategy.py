@@ -51,7 +51,8 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
     confirmed = explanation.best
     scrutinise(search, explanation)
     base = unfinished(explanation, search.most)
-    if incomplete(explanation.best) and explained(base) and not search.late():
+    part = incomplete(explanation.best) and explained(base) and not unsettled(explanation)
+    if part and not search.late():
         begin_inside(search, explanation, base, anew=True)
     if incomplete(explanation.best) and len(explanation.best.hypotheses) < search.most and not search.late():
         begin_elsewhere(search, explanation, explanation.best)

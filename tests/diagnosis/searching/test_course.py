@@ -242,7 +242,7 @@ def fruitless(monkeypatch):
         "begin_clock", "begin_dimensions", "begin_displaced", "begin_wear", "begin_plausible", "widen",
         "fit_curve",
     ):  # fmt: skip
-        monkeypatch.setattr(course + name, lambda *_: None)
+        monkeypatch.setattr(course + name, lambda *_, **__: None)
     for name in ("begin_balanced", "begin_pairs"):
         monkeypatch.setattr(course + name, lambda *_: [])
     monkeypatch.setattr(course + "suggest_channels", lambda _: {})
@@ -259,7 +259,7 @@ def test_what_acts_inside_the_joint_is_tried_beside_a_part_that_is_far(
 ):
     asked, nominal, clock = [], attempt([], 8000.0), attempt(["timebase"], left)
     clock.fit.values = np.zeros((1, 3))
-    monkeypatch.setattr(fruitless + "begin_inside", lambda _, __, base: asked.append(base))
+    monkeypatch.setattr(fruitless + "begin_inside", lambda _, __, base, **how: asked.append(base))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
     search.most = 2
     search_all(search, Explanation(nominal, [clock]), lambda _: None)
