@@ -331,10 +331,12 @@ class Course:
             tables = reshape(search, explanation, base)
         if not self._settled(base):
             reshape_anew(search, explanation, base, tables)
-        if base.misfit > NEARLY and not self._settled(base):
-            begin_inside(search, explanation, base, anew=True)
+        if base.misfit > FAR and not self._settled(base):
+            begin_inside(search, explanation, base)
         if not self._settled(base):
             begin_elsewhere(search, explanation, base)
+        if NEARLY < base.misfit <= FAR and not self._settled(base):
+            begin_inside(search, explanation, base, anew=True)  # its own paths have bent to what is missing
         return base
 
     def _widen_beside(self, base: Attempt, hopeful: Sequence[Hint]) -> None:
