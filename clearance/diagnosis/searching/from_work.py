@@ -9,7 +9,7 @@ from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.searching.balance import Suggested, settle_in, suggest_forces
-from clearance.diagnosis.searching.beside import HALFWAY, MOSTLY, NEARLY, NEARLY_ALL, SHARED, beside
+from clearance.diagnosis.searching.beside import FAR, HALFWAY, MOSTLY, NEARLY, NEARLY_ALL, SHARED, beside
 from clearance.diagnosis.searching.elsewhere import WORKLESS, begin_again, begin_elsewhere, begin_inside
 from clearance.diagnosis.searching.everywhere import between, fit_from
 from clearance.diagnosis.searching.explanation import Explanation, Worked
@@ -115,7 +115,8 @@ class _Balancing:
     def _fit(self, one: Balanced) -> bool:
         """Fit one force, a table then with more knots or with jumps; whether it is there beyond doubt."""
         found, table = _follow_table(self.search, self.explanation, one)
-        near = NEARLY_ALL * self.explanation.nominal.misfit
+        left = self.explanation.nominal.misfit
+        near = max(NEARLY_ALL * left, min(MOSTLY * left, FAR))  # then others are looked for on its path
         if found is None or not (explained(found) or found.misfit < near):
             self._ask_beside(one)
         if found is None:
