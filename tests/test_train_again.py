@@ -109,3 +109,11 @@ def test_what_is_finished_needs_the_weights_it_began_with_no_more(trained, tmp_p
     config = read_yaml(tmp_path / "home/run/config.yaml") | {"begin": "gone"}
     (tmp_path / "home/run/config.yaml").write_text(yaml.safe_dump(config))
     assert call(monkeypatch, capfd, "train", *TREES, "hydra.run.dir=run", "begin=gone")[0] == 0
+
+
+def test_weights_that_do_not_say_what_they_have_seen_are_refused(refused, trained, tmp_path):
+    shutil.copytree(trained / "run", tmp_path / "older")
+    config = read_yaml(tmp_path / "older/config.yaml")
+    del config["targets"]
+    (tmp_path / "older/config.yaml").write_text(yaml.safe_dump(config))
+    refused("train", "older/config.yaml does not say what it has seen", *TREES, "begin=older", "data_seed=8")

@@ -31,15 +31,21 @@ def require_apart(begin: Path, config: Mapping[str, Any]) -> None:
         raise InputError(f"begin={begin}: no finished training there; set begin to the folder of one")
     machines, division = _seen(config)
     for folder, earlier in _ancestry(begin):
-        (channels, targets), (read, estimated) = (
-            (one["sensors"]["channels"], one["targets"]) for one in (config, earlier)
-        )
+        try:
+            (channels, targets), (read, estimated) = (
+                (one["sensors"]["channels"], one["targets"]) for one in (config, earlier)
+            )
+            before, divided = _seen(earlier)
+        except (KeyError, TypeError, AttributeError):
+            raise InputError(
+                f"begin={begin}: {folder / CONFIG} does not say what it has seen; set begin to a training of "
+                "this version"
+            ) from None
         if (channels, targets) != (read, estimated):
             raise InputError(
                 f"begin={begin}: {folder} reads {', '.join(read)} for {' and '.join(estimated)}, and this "
                 f"training {', '.join(channels)} for {' and '.join(targets)}; set sensors and joint as there"
             )
-        before, divided = _seen(earlier)
         other = [key for key, value in division.items() if value != divided.get(key)]
         if machines == before and other:
             raise InputError(
