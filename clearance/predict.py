@@ -78,7 +78,7 @@ def estimate_file(gauge: Gauge, path: Path) -> tuple[Estimate, ...]:
 
 def table(found: dict[str, tuple[Estimate, ...]], coverage: float) -> str:
     """Millimetres for people, one line a recording and joint."""
-    interval = f"{coverage * 100:g} % interval mm"
+    interval = f"{coverage * 100:g}% interval mm"
     head = ("recording", "joint", "clearance mm", interval, "spread mm", "windows", "trusted")
     rows = [
         (

@@ -50,7 +50,7 @@ def test_the_figures_show_what_was_simulated():
     figure = chosen.draw()
     titles = [axes.get_title() for axes in figure.axes]
     full, decimated = (line.get_ydata() for line in figure.axes[-1].get_lines()[:2])
-    assert f"99 % of the power below {full[1]:.2g} kHz" in titles[1]
+    assert f"99.5 % of the power below {full[1]:.2g} kHz" in titles[1]
     assert full[1] > 10 > 5 > decimated[1]  # the impacts of a large clearance do not survive decimation
     assert full[0] == pytest.approx(decimated[0], rel=0.05)
     panels = signals(AccelerationByClearance, clearances=[1e-4, 8e-4], speed_rpm=500.0).draw().axes
