@@ -25,13 +25,8 @@ HARDWARE = (
 )  # fmt: skip
 """Keys of what computes a training, and of where its data lie: they decide its last digits at most."""
 _COMPUTING = frozenset(key.rpartition(".")[2] for key in HARDWARE)  # copied to where they are used
-_ASKED = (
-    "experiment",
-    "chosen_model",
-    "overrides",
-    "folder",
-    "resume",
-)  # how a training was asked for: does not change it
+_ASKED = ("experiment", "chosen_model", "overrides", "folder", "resume")
+"""How a training was asked for: does not change it."""
 _OUTDATED = (
     METRICS, "model.*", "scalers.json", "calibration.json", "fresh.json", "perturbed.json",
     "events.out.tfevents.*",

@@ -225,9 +225,7 @@ def _time_base(
 def _consistent_chain(chain: Mapping[str, float], rate: float) -> dict[str, float]:
     if "base_rate" in chain and "decimation" in chain:
         delivered = chain["base_rate"] / chain["decimation"]
-        if (
-            abs(delivered - rate) > SAME_RATE * rate
-        ):  # a declared clock is nominal, a recorded one is measured
+        if abs(delivered - rate) > SAME_RATE * rate:  # one clock is declared, the other measured
             raise InputError(
                 f"chain: base_rate / decimation is {delivered:g} Hz, the recording has {rate:g} Hz; "
                 "correct chain.base_rate or chain.decimation"

@@ -7,11 +7,9 @@ import pytest
 
 from clearance.diagnosis.hypotheses.free_form import FREE_FORM
 from clearance.diagnosis.searching import scrutiny
-from clearance.diagnosis.searching.beside import SHARED
 from clearance.diagnosis.searching.course import search_all
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import reshape_anew
-from clearance.diagnosis.searching.parts import PART, enough, in_part, named, set_aside, unfinished
 from clearance.diagnosis.searching.scrutiny import _compare_kinds
 from clearance.diagnosis.searching.significance import unsettled
 from clearance.diagnosis.searching.widen import Prospects
@@ -40,22 +38,6 @@ def test_something_small_that_leaves_most_does_not_end_the_search(nominal, gain,
     attempts = [attempt(["rod_inertia"], misfit) for misfit in small]
     explanation = Explanation(attempt([], nominal), attempts, [SimpleNamespace(gain=gain)])
     assert unsettled(explanation) == expected
-
-
-@pytest.mark.parametrize(
-    ("nominal", "misfit", "finer", "expected"),
-    [
-        (200.0, 1.2, None, True), (200.0, 3.0, None, True), (200.0, 15.0, None, False),
-        (8.0, 3.0, None, False),
-        (200.0, 3.0, 3.4, False),  # more knots do not help: it is no matter of its shape
-        (200.0, 3.0, 2.0, True), (200.0, 3.0, 2.9, False),
-    ],
-)  # fmt: skip
-def test_a_table_ends_the_search_where_only_its_shape_can_be_missing(nominal, misfit, finer, expected):
-    tables = [attempt(["free_form"], one) for one in (misfit, finer) if one is not None]
-    for knots, table in zip((6, 12), tables, strict=False):
-        table.label, table.model.shared = "free_form(crank torque)", 1 + knots
-    assert enough(Explanation(attempt([], nominal), tables)) == expected
 
 
 @pytest.mark.parametrize(
@@ -182,39 +164,6 @@ def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkey
     assert asked == expected
 
 
-@pytest.mark.parametrize(
-    ("names", "misfit", "part", "expected"),
-    [
-        (["slider_offset"], 10.1, PART, True),  # a rod that bends was missing beside it
-        (["slider_offset"], 14.0, PART, False),
-        (["slider_offset"], 14.0, SHARED, True),
-        (["rod_inertia"], 10.1, PART, False),
-        (["rod_inertia"], 7.0, PART, True),
-        (["rod_inertia"], 8.2, PART, True),  # noise leaves 1.0 in any case
-        (["rod_inertia"], 1.1, PART, False),  # nothing is left
-        (["joint_lubrication"], 13.0, SHARED, True),  # a drive that gives way was missing beside it
-        (["joint_lubrication"], 17.0, SHARED, False),
-        ([FREE_FORM], 7.0, PART, False),
-        ([], 7.0, PART, False),
-    ],
-)
-def test_a_good_part_of_what_is_missing_is_built_on(names, misfit, part, expected):
-    nominal = attempt([], 25.2)
-    assert in_part(Explanation(nominal), attempt(names, misfit), nominal, part) == expected
-
-
-@pytest.mark.parametrize(("misfit", "first"), [(1.8, "soft_drive"), (1.02, "soft_drive + rod_inertia")])
-def test_two_effects_that_do_not_explain_keep_nobody_from_looking_beside_the_first(misfit, first):
-    drive, pair = attempt(["soft_drive"], 2.7), attempt(["soft_drive", "rod_inertia"], misfit)
-    explanation = Explanation(attempt([], 37.8), [drive, pair])
-    assert unfinished(explanation, 2) is drive
-    assert unfinished(explanation, 3) is pair
-    assert explanation.best is pair
-    with set_aside(explanation, 2):
-        assert explanation.best.label == first
-    assert explanation.best is pair
-
-
 @pytest.mark.parametrize(("left", "anew"), [(14.7, True), (30.0, False)])
 def test_a_table_in_an_effect_s_place_is_sought_anew_where_its_path_is_far(monkeypatch, left, anew):
     """On the torn path of viscous friction a table of the velocity leaves more than the friction does."""
@@ -253,18 +202,22 @@ def fruitless(monkeypatch):
     return course
 
 
-@pytest.mark.parametrize(("left", "expected"), [(700.0, True), (15.0, True)])
-def test_what_acts_inside_the_joint_is_tried_beside_a_part_that_is_far(
+@pytest.mark.parametrize(
+    ("left", "expected"), [(700.0, ["inside", "elsewhere"]), (15.0, ["elsewhere", "inside"])]
+)
+def test_what_acts_inside_the_joint_is_asked_first_beside_a_part_that_is_far(
     monkeypatch, fruitless, left, expected
 ):
     asked, nominal, clock = [], attempt([], 8000.0), attempt(["timebase"], left)
     clock.fit.values = np.zeros((1, 3))
-    monkeypatch.setattr(fruitless + "begin_inside", lambda _, __, base, **how: asked.append(base))
+    for name in ("inside", "elsewhere"):
+        monkeypatch.setattr(
+            fruitless + f"begin_{name}", lambda _, __, base, name=name, **how: asked.append((name, base))
+        )
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
     search.most = 2
     search_all(search, Explanation(nominal, [clock]), lambda _: None)
-    assert (clock in asked) == expected
-    assert nominal in asked
+    assert [name for name, base in asked if base is clock] == expected
 
 
 @pytest.mark.parametrize(
@@ -341,38 +294,6 @@ def test_what_is_nearly_explained_is_fitted_again_on_paths_of_its_own(
     search.most = 2
     search_all(search, Explanation(attempt([], 723.0), [pair]), lambda _: None)
     assert again == [pair] * expected
-
-
-@pytest.mark.parametrize(
-    ("table", "expected"),
-    [
-        (147.0, "torque_ripple"),  # a frame that gives way was missing beside it
-        (40.0, FREE_FORM),
-        (400.0, "torque_ripple"),
-    ],
-)
-def test_a_table_that_leaves_much_is_not_built_on(table, expected):
-    attempts = [attempt(["torque_ripple"], 305.0), attempt([FREE_FORM], table), attempt(["gravity"], 350.0)]
-    found = named(Explanation(attempt([], 1450.0), attempts))
-    assert [h.name for h in found.hypotheses] == [expected]
-
-
-@pytest.mark.parametrize(
-    ("name", "finer", "expected"),
-    [
-        (43.0, 8.2, "process_load"),
-        (43.0, 9.1, "process_load"),
-        (43.0, None, FREE_FORM),
-        (90.0, 8.2, FREE_FORM),
-        (43.0, 1.1, FREE_FORM),
-    ],
-)
-def test_a_name_is_built_on_where_no_finer_table_explains_what_it_leaves(name, finer, expected):
-    tables = [attempt([FREE_FORM], one) for one in (8.5, finer) if one is not None]
-    for knots, table in zip((12, 23), tables, strict=False):
-        table.label, table.model.shared = "free_form(slider x)", 1 + knots
-    found = named(Explanation(attempt([], 689.0), [attempt(["process_load"], name), *tables]))
-    assert [h.name for h in found.hypotheses] == [expected]
 
 
 @pytest.mark.parametrize(("misfit", "most", "expected"), [(3.4, 2, 3), (3.4, 1, 0), (5.0, 2, 0)])
