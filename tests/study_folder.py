@@ -23,7 +23,8 @@ def configuration(setting: Setting, *overrides: str):
 def finish(folder, training: Training, nmae: float, *overrides: str) -> None:
     """Leave the configuration and metrics of a training whose errors follow from ``nmae`` [%]."""
     seeds = {"split_seed": training.split_seed, "seed": training.seed}
-    config = deepcopy(configuration(training.setting, *overrides)) | seeds
+    chosen = {"experiment": "paper", "chosen_model": training.setting.model}  # as train.open_run does
+    config = chosen | deepcopy(configuration(training.setting, *overrides)) | seeds
     config["data"]["seed"], config["data"]["split"]["seed"] = training.seed, training.split_seed
     place = folder / ",".join(map(str, (*training.setting, *seeds.values())))
     place.mkdir(parents=True)

@@ -25,7 +25,8 @@ from clearance.whole_files import read_json, read_yaml
 
 _SWEPT = ("model", "sensors", "joint", "chain.decimation")  # what the rows of the paper's tables differ in
 _INCIDENTAL = (
-    "name", "folder", "experiment", "overrides", "labels", "resume", "seed", "seeds", "split_seed", *HARDWARE,
+    "name", "folder", "experiment", "chosen_model", "overrides", "labels", "resume", "seed", "seeds",
+    "split_seed", *HARDWARE,
 )  # fmt: skip
 """Keys in which trainings of one study may differ."""
 _REFERENCE = re.compile(r"\$\{([\w.]+)\}")
