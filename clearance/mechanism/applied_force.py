@@ -49,6 +49,7 @@ DIRECTIONS: tuple[tuple[str, str], ...] = (
 )
 """Body and direction of each entry from ``FORCE_CRANK_TORQUE`` and from ``TABLE_CRANK_TORQUE`` on."""
 
+_NEVER = 1e30  # spacings; compiled code takes infinity for no number
 _FUNCTIONS = TABLE_KNOTS + 3  # one function before the first knot, two after the last
 _WEIGHT = Parameter.TABLE_CRANK_TORQUE - Parameter.FORCE_CRANK_TORQUE  # entries from a constant to its weight
 
@@ -94,7 +95,8 @@ def closeness(ex: Any, ey: Any, clearance: Any) -> Any:
 def look_up(p: Any, argument: Any) -> Any:
     """The table's value at ``argument``: a line or a spline from knot to knot.
 
-    Beyond the ends it repeats, or is constant, or goes on straight after the last.
+    Beyond the ends it repeats, or is constant, or goes on straight after the last; what returns goes back to
+    the first the way it came.
 
     Written as a sum of hat functions or of cubic B-splines, since lanes cannot each read another entry.
     """
@@ -103,6 +105,7 @@ def look_up(p: Any, argument: Any) -> Any:
     place = argument - get(p, Parameter.TABLE_START)
     turns = nearest_integer(place / where(repeats, period, zero(period) + 1.0) - 0.5)
     place = where(repeats, place - turns * period, place) * get(p, Parameter.TABLE_INVERSE_SPACING)
+    place = minimum(place, get(p, Parameter.TABLE_RETURN) - place)
     last = get(p, Parameter.TABLE_LAST)
     beyond = get(p, Parameter.TABLE_SLOPE) * maximum(place - last, 0.0)
     place = minimum(maximum(place, 0.0), last)
@@ -143,6 +146,7 @@ def looked_up(p: np.ndarray, argument: np.ndarray) -> np.ndarray:
     """(arguments,) what ``look_up`` gives of (PARAMETERS,) of a machine whose table repeats."""
     along = (argument - p[Parameter.TABLE_START]) % p[Parameter.TABLE_PERIOD]
     place = along * p[Parameter.TABLE_INVERSE_SPACING]
+    place = np.clip(np.minimum(place, p[Parameter.TABLE_RETURN] - place), 0.0, p[Parameter.TABLE_LAST])
     away = np.abs(place[:, None] - np.arange(-1.0, _FUNCTIONS - 1.0))
     near, far = np.maximum(1.0 - away, 0.0), np.maximum(2.0 - away, 0.0)
     spline = far**3 - 4.0 * near**3
@@ -235,11 +239,12 @@ class TabulatedForce(Law):
     The knots lie at ``start``, ``start + spacing``, ...; beyond them the force stays what it is at the end,
     but over a contact's force it goes on straight after the last: impacts are far beyond what is carried.
     Over ``crank_angle`` the table repeats every turn, over ``time`` after its period if it has one; its
-    spacing is then that over the number of values. One
-    value is a constant force. A line follows a kink or a jump between two knots without overshoot; a spline
-    (natural, or periodic over the angle) that is fitted to a harmonic of four knots a period leaves a
-    hundredth of it (root mean square), a line an eighth. Valid as a description of what was seen, between
-    the ends of the table.
+    spacing is then that over the number of values. A force that is on and off again reaches its last value
+    after so many spacings, stays there, and goes back the same way until it ``returns`` to the first, once in
+    a turn or period. One value is a constant force. A line follows a kink or a jump between two knots without
+    overshoot; a spline (natural, or periodic over the angle) that is fitted to a harmonic of four knots a
+    period leaves a hundredth of it (root mean square), a line an eighth. Valid as a description of what was
+    seen, between the ends of the table.
     Reference: de Boor 1978, A Practical Guide to Splines, ch. III, IV and IX (B-splines).
 
     Attributes:
@@ -248,10 +253,12 @@ class TabulatedForce(Law):
             damping (joints).
         argument: an ``Argument``, in small letters.
         start: argument at the first knot, in SI units.
-        spacing: argument from knot to knot; ``None`` where the table repeats.
+        spacing: argument from knot to knot; ``None`` where the table repeats, but for one that returns.
         values: force at up to 48 knots [N or N m, N s/m for damping].
         interpolation: linear or cubic.
         period: after which a table over time repeats [s]; ``None``: it does not.
+        returns: argument from ``start`` to where a force is back at its first value, of those that repeat and
+            are on and off; ``None``: the values cover all of a turn or period.
     """
 
     body: str = "slider"
@@ -262,6 +269,7 @@ class TabulatedForce(Law):
     values: tuple[float, ...] = (0.0,)
     interpolation: str = "linear"
     period: float | None = None
+    returns: float | None = None
 
     family: ClassVar[Family] = Family.FORCE
     code: ClassVar[int] = 1
@@ -295,7 +303,9 @@ class TabulatedForce(Law):
                     f"TabulatedForce.period = {self.period:g} has no meaning over {self.argument}; change "
                     "the key that ends in 'period' to null"
                 )
-        if self.repeats and self.spacing is not None:
+        if self.returns is not None:
+            self._require_return(self.returns)
+        if self.repeats and self.spacing is not None and self.returns is None:
             raise InputError(
                 f"TabulatedForce.spacing = {self.spacing:g} has no meaning where the table covers one turn "
                 "or period; change the key that ends in 'spacing' to null"
@@ -305,6 +315,15 @@ class TabulatedForce(Law):
                 f"TabulatedForce.spacing = None is not a number above 0, which a table over {self.argument} "
                 "needs; change the key that ends in 'spacing'"
             )
+
+    def _require_return(self, returns: float) -> None:
+        if not self.repeats or self.spacing is None:
+            raise InputError(
+                f"TabulatedForce.returns = {returns} has no meaning but where a table repeats and has a "
+                "spacing; change the key that ends in 'returns' to null"
+            )
+        there = 2.0 * self.spacing * (len(self.values) - 1)
+        require(self, there, self.repeats_after, returns=returns)
 
     @property
     def repeats(self) -> bool:
@@ -326,15 +345,17 @@ class TabulatedForce(Law):
         index = DIRECTIONS.index((self.body, self.direction))
         period = self.repeats_after
         count, cubic = len(self.values), self.interpolation == "cubic"
-        spacing = period / count if self.repeats else self.spacing or 1.0
-        coefficients = _coefficients(count, self.repeats, self.interpolation) @ self.values
+        covers = self.repeats and self.returns is None
+        spacing = period / count if covers else self.spacing or 1.0
+        coefficients = _coefficients(count, covers, self.interpolation) @ self.values
         return {
             Parameter(Parameter.TABLE_CRANK_TORQUE + index): 1.0,
             Parameter.TABLE_ARGUMENT: float(Argument[self.argument.upper()]),
             Parameter.TABLE_START: self.start,
             Parameter.TABLE_INVERSE_SPACING: 1.0 / spacing,
             Parameter.TABLE_PERIOD: period,
-            Parameter.TABLE_LAST: float(count if self.repeats else count - 1),
+            Parameter.TABLE_LAST: float(count if covers else count - 1),
+            Parameter.TABLE_RETURN: _NEVER if self.returns is None else self.returns / spacing,
             Parameter.TABLE_SLOPE: float(self.straight * (_end(count) @ self.values)),
             Parameter.TABLE_LINEAR: 0.0 if cubic else 1.0,
             Parameter.TABLE_CUBIC: 1.0 / 6.0 if cubic else 0.0,

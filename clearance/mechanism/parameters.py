@@ -116,6 +116,7 @@ class Parameter(IntEnum):
     TABLE_INVERSE_SPACING = auto()  # 1 / (argument from knot to knot)
     TABLE_PERIOD = auto()  # after which the table repeats; 0: never
     TABLE_LAST = auto()  # spacings from the first knot to where the table ends
+    TABLE_RETURN = auto()  # spacings from the first knot to where it is left again, going back from the last
     TABLE_SLOPE = auto()  # N or N m a spacing, after the last knot
     TABLE_LINEAR = auto()  # weights of the hat functions, and of the cubic B-splines
     TABLE_CUBIC = auto()

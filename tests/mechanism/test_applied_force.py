@@ -75,6 +75,35 @@ def test_a_table_over_time_repeats_after_its_period(values, start, period, time)
     )
 
 
+@given(values=VALUES, start=START, period=SPACING, share=st.floats(0.0, 1.0), time=ARGUMENT)
+@settings(deadline=None, max_examples=100)
+def test_a_force_that_is_on_and_off_goes_back_the_way_it_came(values, start, period, share, time):
+    spacing = 0.4 * period / len(values)
+    there = spacing * np.arange(len(values))
+    returns = 2.0 * there[-1] + share * (period - 2.0 * there[-1])
+    p = parameters(
+        argument="time", start=start, spacing=spacing, values=values, period=period, returns=returns
+    )
+    knots, forces = np.append(there, returns - there[::-1]), [*values, *values[::-1]]
+    expected = np.interp((time - start) % period, knots, forces)  # and off until the period is over
+    assert look_up(p, time) == pytest.approx(expected, abs=1e-6)
+    assert looked_up(p, np.array([time]))[0] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("settings", "complaint"),
+    [
+        ({"argument": "time", "period": 0.1, "returns": 0.05}, "returns = 0.05 .* spacing"),
+        ({"argument": "slider_velocity", "spacing": 1.0, "returns": 0.05}, "returns = 0.05 .* repeats"),
+        ({"argument": "time", "period": 0.1, "spacing": 0.01, "returns": 0.11}, "returns = 0.11 is outside"),
+        ({"argument": "time", "period": 0.1, "spacing": 0.01, "returns": 0.01}, "returns = 0.01 is outside"),
+    ],
+)
+def test_what_is_on_and_off_is_so_within_its_period(settings, complaint):
+    with pytest.raises(InputError, match=complaint):
+        TabulatedForce(values=(1.0, 2.0), **settings)
+
+
 @pytest.mark.parametrize(
     ("settings", "complaint"),
     [

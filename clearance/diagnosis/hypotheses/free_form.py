@@ -50,6 +50,7 @@ class Curve:
         price: of its parameters.
         interpolation: between the knots, linear or cubic.
         period: after which a force over time repeats [s]; ``None``: it does not.
+        returns: as of ``TabulatedForce``.
     """
 
     body: str
@@ -62,6 +63,7 @@ class Curve:
     price: float
     interpolation: str = "linear"
     period: float | None = None
+    returns: float | None = None
 
     @property
     def repeats(self) -> bool:
@@ -70,9 +72,12 @@ class Curve:
 
     def shares(self, values: np.ndarray) -> np.ndarray:
         """(values, knots) of each knot's force at values of the argument."""
-        place = (values - self.knots[0]) / (self.knots[1] - self.knots[0])
-        straight = self.argument == "contact_force"
-        return shares(place, len(self.knots), self.repeats, self.interpolation, straight)
+        spacing, place = self.knots[1] - self.knots[0], values - self.knots[0]
+        if self.returns is not None:
+            place = place % (self.period or 2.0 * np.pi)
+            place = np.minimum(place, self.returns - place)
+        covers, straight = self.repeats and self.returns is None, self.argument == "contact_force"
+        return shares(place / spacing, len(self.knots), covers, self.interpolation, straight)
 
 
 def contact_force_of(joint: str) -> str:
@@ -127,6 +132,12 @@ def refined(curve: Curve, interpolation: str) -> Curve:
     )
 
 
+def lasting(curve: Curve, period: float) -> Curve:
+    """The same curve over time in another period [s]."""
+    assert curve.period is not None
+    return replace(curve, knots=curve.knots * (period / curve.period), period=period)
+
+
 def halved(curve: Curve) -> Curve:
     """A curve over the same range with half as many knots, and a spline from one to the next."""
     count = len(curve.knots) // 2
@@ -144,7 +155,7 @@ def curve_of(law: TabulatedForce) -> Curve:
     argument = "contact_force" if law.straight else law.argument
     return Curve(
         law.body, law.direction, argument, knots, np.array(law.values), np.zeros(count), 0.0, 0.0,
-        law.interpolation, law.period,
+        law.interpolation, law.period, law.returns,
     )  # fmt: skip
 
 
@@ -179,13 +190,12 @@ def free_form(curve: Curve, joint: str) -> Hypothesis:
     )  # fmt: skip
 
 
-def known_force(curve: Curve) -> Hypothesis:
-    """A force over time that was measured: nothing of it is fitted."""
-    law, none = _law(curve, curve.argument, None, curve.forces), np.zeros(0)
-    return Hypothesis(
-        FREE_FORM, "physics", curve.body, curve.direction, (), none, none,
-        lambda machine, _: replace(machine, force=law),
-    )  # fmt: skip
+def known_force(force: Hypothesis, values: np.ndarray) -> Hypothesis:
+    """A force of free form of which nothing is fitted: a path is sought better by one that stays."""
+    none = np.zeros(0)
+    return replace(
+        force, unknowns=(), off=none, start=none, apply=lambda machine, _: force.apply(machine, values)
+    )
 
 
 def _law(curve: Curve, argument: str, spacing: float | None, forces: np.ndarray) -> TabulatedForce:

@@ -1,10 +1,10 @@
-"""A force over time that jumps between two levels and repeats: four numbers instead of a table of knots."""
+"""A force over time that goes between two levels and repeats: five numbers instead of a table of knots."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from clearance.diagnosis.hypotheses.free_form import FREE_FORM, Curve, curve_of, known_force
+from clearance.diagnosis.hypotheses.free_form import FREE_FORM, Curve
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.shooting.model import Unknown
 from clearance.mechanism.applied_force import TabulatedForce
@@ -13,6 +13,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 
 _WIDE = 3  # knots at a level: the slopes of a shorter one reach into each other
 _LEVEL, _SLOPES = 0.15, 0.35  # of a jump, by which a knot is off its level; share of knots that may be
+_LASTING = (1e-3, 0.1)  # of a period, that a jump takes
 _STEP, _REACH = 1e-4, 0.3  # of the difference of the levels, or of the time between two knots
 
 
@@ -22,8 +23,9 @@ def levels_of(curve: Curve) -> np.ndarray | None:
     Between knots that are far apart a jump is a slope with the same impulse, which tells where it is.
 
     Returns:
-        (4,) two forces [N or N m] and two places in the period [turns, 0 to 1]; ``None`` where the knots are
-        at no two levels, or there are more jumps.
+        (5,) two forces [N or N m], two places in the period and how much of it a jump takes, which between
+        knots nobody knows [turns, 0 to 1]; ``None`` where the knots are at no two levels, or there are more
+        jumps.
     """
     count, spacing = len(curve.knots), float(curve.knots[1] - curve.knots[0])
     # jumps and slopes outlast a median; a knot of which little is known, and may lie anywhere, does not
@@ -44,7 +46,7 @@ def levels_of(curve: Curve) -> np.ndarray | None:
         edges.append(i - 1 + (3.0 * after - impulse) / (after - level[i]))
     places = (np.array(edges) + float(curve.knots[0]) / spacing) / count
     rises = int(np.argmax(level[(crossed + 1) % count]))
-    return np.array([high, low, *(places[[rises, 1 - rises]] % 1.0)])
+    return np.array([high, low, *(places[[rises, 1 - rises]] % 1.0), 1.0 / TABLE_KNOTS])
 
 
 def two_levels(curve: Curve, values: np.ndarray) -> Hypothesis:
@@ -52,12 +54,12 @@ def two_levels(curve: Curve, values: np.ndarray) -> Hypothesis:
 
     Args:
         curve: over time, that repeats.
-        values: (4,) to begin with, as of ``levels_of``.
+        values: (5,) to begin with, as of ``levels_of``.
     """
     size = float(abs(values[0] - values[1]))
 
     def apply(machine: SliderCrank, values: np.ndarray) -> SliderCrank:
-        return replace(machine, force=_table(curve, values))
+        return replace(machine, force=_jumping(curve, values))
 
     levels = [
         Unknown(name, _STEP * size, -1e5, 1e5, reach=_REACH * size) for name in ("high_level", "low_level")
@@ -66,27 +68,20 @@ def two_levels(curve: Curve, values: np.ndarray) -> Hypothesis:
         Unknown(name, _STEP / TABLE_KNOTS, -0.5, 1.5, reach=_REACH / TABLE_KNOTS)
         for name in ("rises", "falls")
     ]
+    lasts = Unknown("lasts", _STEP / TABLE_KNOTS, *_LASTING, reach=_REACH / TABLE_KNOTS)
     return Hypothesis(
-        FREE_FORM, "physics", curve.body, curve.direction, (*levels, *places), np.zeros(4), values.copy(),
-        apply,
+        FREE_FORM, "physics", curve.body, curve.direction, (*levels, *places, lasts), np.zeros(5),
+        values.copy(), apply,
     )  # fmt: skip
 
 
-def known_levels(curve: Curve, values: np.ndarray) -> Hypothesis:
-    """The same where nothing of it is fitted: a path is sought better by a force that stays as it is."""
-    return known_force(curve_of(_table(curve, values)))
-
-
-def _table(curve: Curve, values: np.ndarray) -> TabulatedForce:
-    """With as many knots as there may be: it rises midway between two, and is a mean where it falls."""
-    high, low, rises, falls = values
+def _jumping(curve: Curve, values: np.ndarray) -> TabulatedForce:
+    high, low, rises, falls, lasts = map(float, values)
     assert curve.period is not None
-    after = np.arange(TABLE_KNOTS)  # the middle of the rise, in spacings, and half of one
-    lasts = (falls - rises) % 1.0 * TABLE_KNOTS
-    share = np.clip(after, 0.0, 1.0) - np.clip(after - lasts, 0.0, 1.0)
-    start = (rises - 0.5 / TABLE_KNOTS) * curve.period
-    forces = low + (high - low) * share
+    period = float(curve.period)
+    jump = lasts * period
+    high_for = float(np.clip((falls - rises) % 1.0 * period, jump, period - jump))
     return TabulatedForce(
-        curve.body, curve.direction, curve.argument, float(start), None, tuple(map(float, forces)), "linear",
-        curve.period,
+        curve.body, curve.direction, curve.argument, rises * period - 0.5 * jump, jump, (low, high),
+        "linear", period, high_for + jump,
     )  # fmt: skip

@@ -19,7 +19,7 @@ from clearance.diagnosis.searching.significance import beats, margin, suspicious
 from clearance.diagnosis.shooting.covariance import deviations
 from clearance.diagnosis.shooting.follow import EDGE
 from clearance.diagnosis.shooting.stretch import Comparison
-from clearance.mechanism.applied_force import TabulatedForce, shares
+from clearance.mechanism.applied_force import TabulatedForce
 
 FITTED = "fitted recordings and motion"
 """The basis of play in a guide where recordings that were held out are lost."""
@@ -344,6 +344,22 @@ def argument_of(law: TabulatedForce) -> str:
     return "closeness" if law.argument.startswith("closeness") else law.argument
 
 
+def _points(law: TabulatedForce) -> np.ndarray:
+    """(points,) arguments of a table: whoever reads it joins its points by lines."""
+    count = len(law.values)
+    finer = _ALONG if law.interpolation == "cubic" else 1
+    there = np.arange((count - 1) * finer + 1) / finer
+    if law.returns is not None and law.spacing is not None:
+        # beside each corner, too: there only the level is unsure, and not when it is left
+        there = law.spacing * np.append(there, there[-1] + 1.0)
+        off = np.array([law.returns + law.spacing, law.repeats_after - law.spacing, law.repeats_after])
+        places = np.concatenate([there, law.returns - there[::-1], off])
+        return law.start + np.unique(np.clip(places, 0.0, law.repeats_after))
+    if law.repeats:
+        return law.start + law.repeats_after / count * np.arange(count * finer) / finer
+    return law.start + float(law.spacing or 0.0) * there
+
+
 def free_form_of(attempt: Attempt, setting: Setting, shaken: Shaking | None = None) -> dict[str, Any] | None:
     """The table of an attempt's force of free form as the contract writes it, with its 95 % band.
 
@@ -363,15 +379,12 @@ def free_form_of(attempt: Attempt, setting: Setting, shaken: Shaking | None = No
     values = attempt.fit.values[0, place : place + len(hypothesis.unknowns)]
     law = hypothesis.apply(setting.machine, values).force
     assert isinstance(law, TabulatedForce)
-    count = len(law.values)
-    spacing = law.repeats_after / count if law.repeats else float(law.spacing or 0.0)
-    finer = _ALONG if law.interpolation == "cubic" else 1  # whoever reads the table joins its points by lines
-    steps = np.arange(count * finer if law.repeats else (count - 1) * finer + 1) / finer
-    own = shares(steps, count, law.repeats, law.interpolation)
+    count, arguments = len(law.values), _points(law)
+    own = curve_of(law).shares(arguments)
     if hypothesis.direction == "torque":
         own = own - 1.0 / count
     if hypothesis.unknowns:
-        combined, arguments = np.zeros((len(own), attempt.model.shared)), law.start + spacing * steps
+        combined = np.zeros((len(own), attempt.model.shared))
         for i, unknown in enumerate(hypothesis.unknowns):
             moved = values + unknown.reach * (np.arange(len(values)) == i)
             other = hypothesis.apply(setting.machine, moved).force
@@ -392,7 +405,7 @@ def free_form_of(attempt: Attempt, setting: Setting, shaken: Shaking | None = No
         "unit": {"torque": "N m", "moment": "N m", DAMPING: "N s/m"}.get(law.direction, "N"),
         "argument_unit": _UNITS.get(argument_of(law), "N"), "period": law.period,
         "clocks": [f.measured.clock for f in attempt.followers] if law.argument == "time" else None,
-        "table": [[law.start + spacing * k, float(force)] for k, force in zip(steps, forces, strict=True)],
+        "table": [[float(one), float(force)] for one, force in zip(arguments, forces, strict=True)],
         "low": [None if np.isnan(one) else float(one) for one in low],
         "high": [None if np.isnan(one) else float(one) for one in high],
     }  # fmt: skip

@@ -130,7 +130,8 @@ def reconstruct(
     noise = _noise(values, measured, parameters, speed, shaken, swaying)
     target, sight = np.zeros((count, 2 * loose)), np.zeros((count, 2 * loose, 2))
     doubt = np.full((count, 2 * loose), np.inf)
-    felt, lifted = feel(parameters, joints, measured.signals, state, inputs), None
+    clock = measured.begin + period * np.arange(count) if measured.period > 0.0 else None
+    felt, lifted = feel(parameters, joints, measured.signals, state, inputs, clock=clock), None
     for iteration in range(_ITERATIONS):
         steady = _steadied(measured, values, felt, state, shaken, swaying)
         if iteration > 1:  # from the forces of a path that is nearly right: they tell the side
@@ -142,7 +143,7 @@ def reconstruct(
                 rests = _resting(felt, bores[j], state, j, iteration > 1, iteration > 2)
                 target[:, 2 * j : 2 * j + 2], sight[:, 2 * j : 2 * j + 2], doubt[:, 2 * j : 2 * j + 2] = rests
         rows = np.column_stack([felt.signals, felt.imbalance])
-        slope = slopes(parameters, joints, measured.signals, state, inputs, lifted)
+        slope = slopes(parameters, joints, measured.signals, state, inputs, lifted, clock)
         seen = np.column_stack([steady, np.zeros(count)]) - rows
         seen += (slope @ np.concatenate([state, inputs], axis=1)[:, :, None])[:, :, 0]
         smoothed = smooth(
@@ -150,7 +151,7 @@ def reconstruct(
             doubt**2,
         )  # fmt: skip
         state, inputs = smoothed[:, :states].copy(), smoothed[:, states:].copy()
-        felt = feel(parameters, joints, measured.signals, state, inputs, lifted)
+        felt = feel(parameters, joints, measured.signals, state, inputs, lifted, clock)
         if not (np.isfinite(smoothed).all() and np.isfinite(felt.signals).all()):
             raise np.linalg.LinAlgError("the links do not reach")
     steady = _steadied(measured, values, felt, state, shaken, swaying)

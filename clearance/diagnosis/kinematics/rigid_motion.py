@@ -29,7 +29,8 @@ CRANK_ANGLE, CRANK_SPEED, TORQUE, GRAVITY_X, GRAVITY_Y, FIRST_JOINT = range(6)
 # rad, rad/s, N m, m/s^2; m and m/s of the eccentricities: by which derivatives are taken
 _STEPS = np.array([1e-6, 1e-3, 1e-3, 1e-2, 1e-2, 1e-7, 1e-4, 1e-7, 1e-4, 1e-7, 1e-4, 1e-7, 1e-4])
 _FORCES = 5  # on the rod at B and at C, and the angle of the rod
-_FORCE_B = float(Argument.FORCE_B)  # of the arguments from here on the motion knows none
+_FORCE_B = float(Argument.FORCE_B)  # of the arguments from here on the motion knows none but the time
+_TIME = float(Argument.TIME)
 # plain numbers: compiled code compares none with members of an enumeration
 (
     _CRANK_A_TRANSVERSE, _CRANK_B_TRANSVERSE, _CRANK_A_AXIAL, _CRANK_B_AXIAL, _ROD_B_TRANSVERSE,
@@ -80,6 +81,7 @@ def feel(
     state: np.ndarray,
     inputs: np.ndarray,
     lifted: Lift | None = None,
+    clock: np.ndarray | None = None,
 ) -> Felt:
     """Signals and forces of a motion.
 
@@ -90,9 +92,11 @@ def feel(
         state: (samples, 5 + 4 joints), see ``CRANK_ANGLE`` and the following.
         inputs: (samples, 1 + 2 joints) accelerations: of the crank, then of each eccentricity.
         lifted: motion of a slider that is loose in its guide.
+        clock: (samples,) what the clock of a table over time shows [s]; the table is left out if ``None``.
     """
     rows, forces = np.zeros((len(state), len(signals) + 1)), np.zeros((len(state), _FORCES))
-    _feel(p, _places(joints), np.array(signals), state, inputs, _across(lifted, len(state)), rows, forces)
+    known = _known(lifted, clock, len(state))
+    _feel(p, _places(joints), np.array(signals), state, inputs, known, rows, forces)
     return Felt(rows[:, :-1], forces[:, :2], forces[:, 2:4], rows[:, -1], forces[:, 4])
 
 
@@ -103,13 +107,13 @@ def slopes(
     state: np.ndarray,
     inputs: np.ndarray,
     lifted: Lift | None = None,
+    clock: np.ndarray | None = None,
 ) -> np.ndarray:
     """(samples, channels + 1, states + inputs) derivatives of signals and imbalance, as of ``feel``."""
     steps = np.concatenate([_STEPS[: state.shape[1]], np.ones(inputs.shape[1])])
     found = np.zeros((len(state), len(signals) + 1, len(steps)))
-    _differentiate(
-        p, _places(joints), np.array(signals), state, inputs, _across(lifted, len(state)), steps, found
-    )
+    known = _known(lifted, clock, len(state))
+    _differentiate(p, _places(joints), np.array(signals), state, inputs, known, steps, found)
     return found
 
 
@@ -118,11 +122,13 @@ def _places(joints: Sequence[str]) -> np.ndarray:
     return np.array([joints.index(joint) if joint in joints else -1 for joint in ("B", "C")])
 
 
-def _across(lifted: Lift | None, samples: int) -> np.ndarray:
-    """(3, samples) height, rate and acceleration of the slider across its guide."""
-    if lifted is None:
-        return np.zeros((3, samples))
-    return np.stack([lifted.height, lifted.rate, lifted.acceleration])
+def _known(lifted: Lift | None, clock: np.ndarray | None, samples: int) -> np.ndarray:
+    """(4, samples) height, rate and acceleration of the slider across its guide; clock, NaN where none is."""
+    rows = np.zeros((4, samples))
+    if lifted is not None:
+        rows[:3] = lifted.height, lifted.rate, lifted.acceleration
+    rows[3] = np.nan if clock is None else clock
+    return rows
 
 
 @kernel
@@ -152,21 +158,26 @@ def _place(
 
 
 @kernel
-def counts(p: Any) -> bool:
-    """Whether a table acts on slider or rod that is counted here: not over time or a contact's force."""
+def counts(p: Any, clocked: bool) -> bool:
+    """Whether a table acts on slider or rod that is counted here.
+
+    Not over a contact's force; over time where a recording is ``clocked``, as the table's clock is known.
+    """
     acts = p[Parameter.TABLE_SLIDER_X] != 0.0 or p[Parameter.TABLE_ROD_MOMENT] != 0.0
-    return acts and p[Parameter.TABLE_ARGUMENT] < _FORCE_B
+    number = p[Parameter.TABLE_ARGUMENT]
+    return acts and (number < _FORCE_B or (number == _TIME and clocked))
 
 
 @kernel
 def _tabulated(
-    p: Any, angle: float, speed: float, rod_angle: float, rod_speed: float, place: float, velocity: float
-) -> float:
+    p: Any, angle: float, speed: float, rod_angle: float, rod_speed: float, place: float, velocity: float,
+    time: float,
+) -> float:  # fmt: skip
     """What the table of a force of free form says; nothing over what is not known here."""
-    if not counts(p):
+    if not counts(p, not math.isnan(time)):
         return 0.0
     argument = choose_argument(
-        p, angle, speed, rod_angle, rod_speed, place, velocity, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        p, angle, speed, rod_angle, rod_speed, place, velocity, 0.0, 0.0, 0.0, 0.0, time, 0.0, 0.0
     )
     return float(look_up(p, argument))
 
@@ -183,7 +194,7 @@ def _push(p: Any, place: float, velocity: float, reaction: float, table: float) 
 @subroutine
 def _one(
     p: Any, places: Any, signals: Any, x: Any, u: Any, height: float, rate: float, acceleration: float,
-    rows: Any, forces: Any,
+    time: float, rows: Any, forces: Any,
 ) -> None:  # fmt: skip
     """Signals, imbalance and forces at one instant."""
     bx0, by0, turn0, slider0 = _place(p, places, -_H, x, u, height, rate, acceleration)
@@ -241,7 +252,7 @@ def _one(
     centre_x = bax - to_b * (sine * turn + cosine * swing * swing)
     centre_y = bay + to_b * (cosine * turn - sine * swing * swing)
     cx = -p[Parameter.SLIDER_MASS] * slider
-    table = _tabulated(p, angle, speed, rod_angle, swing, place, slide)
+    table = _tabulated(p, angle, speed, rod_angle, swing, place, slide, time)
     moment_b = inertia * turn + mass * to_b * (cosine * centre_y - sine * centre_x)
     moment_b -= applied(p, Parameter.FORCE_ROD_MOMENT, table)
     # friction on the guide follows from the guide's force without it, which carries the slider, too
@@ -262,13 +273,13 @@ def _feel(
     signals: np.ndarray,
     state: np.ndarray,
     inputs: np.ndarray,
-    across: np.ndarray,
+    known: np.ndarray,
     rows: np.ndarray,
     forces: np.ndarray,
 ) -> None:
     for t in range(len(state)):
-        height, rate, acceleration = across[0, t], across[1, t], across[2, t]
-        _one(p, places, signals, state[t], inputs[t], height, rate, acceleration, rows[t], forces[t])
+        height, rate, acceleration, time = known[0, t], known[1, t], known[2, t], known[3, t]
+        _one(p, places, signals, state[t], inputs[t], height, rate, acceleration, time, rows[t], forces[t])
 
 
 @entry
@@ -278,7 +289,7 @@ def _differentiate(
     signals: np.ndarray,
     state: np.ndarray,
     inputs: np.ndarray,
-    across: np.ndarray,
+    known: np.ndarray,
     steps: np.ndarray,
     found: np.ndarray,
 ) -> None:
@@ -286,15 +297,15 @@ def _differentiate(
     now, moved, forces = np.zeros(rows), np.zeros(rows), np.zeros(_FORCES)
     x, u = np.zeros(states), np.zeros(inputs.shape[1])
     for t in range(len(state)):
-        height, rate, acceleration = across[0, t], across[1, t], across[2, t]
+        height, rate, acceleration, time = known[0, t], known[1, t], known[2, t], known[3, t]
         x[:], u[:] = state[t], inputs[t]
-        _one(p, places, signals, x, u, height, rate, acceleration, now, forces)
+        _one(p, places, signals, x, u, height, rate, acceleration, time, now, forces)
         for i in range(steps.size):
             if i < states:
                 x[i] = state[t, i] + steps[i]
             else:
                 u[i - states] = inputs[t, i - states] + steps[i]
-            _one(p, places, signals, x, u, height, rate, acceleration, moved, forces)
+            _one(p, places, signals, x, u, height, rate, acceleration, time, moved, forces)
             for k in range(rows):
                 found[t, k, i] = (moved[k] - now[k]) / steps[i]
             if i < states:

@@ -35,6 +35,7 @@ class Turning:
         place: (instants,) of an ideal machine's slider [m].
         slide: (instants,) its change by the crank's angle [m/rad].
         begin: what the recording's clock shows at the first instant [s].
+        clocked: whether the path was reconstructed by that clock.
     """
 
     time: np.ndarray
@@ -45,6 +46,7 @@ class Turning:
     place: np.ndarray
     slide: np.ndarray
     begin: float
+    clocked: bool
 
     @staticmethod
     def along(path: Reconstruction, machine: SliderCrank, measured: Measured) -> "Turning":
@@ -53,7 +55,8 @@ class Turning:
         angle, speed, acceleration, torque = rows[:, _EDGE * SAMPLES : -_EDGE * SAMPLES : _EVERY]
         time = _EVERY / measured.chain.rate * np.arange(len(angle))
         begin = measured.begin + _EDGE * measured.segment
-        return Turning(time, angle, speed, acceleration, torque, *_ideal(machine.parameters(), angle), begin)
+        place, slide = _ideal(machine.parameters(), angle)
+        return Turning(time, angle, speed, acceleration, torque, place, slide, begin, measured.period > 0.0)
 
 
 def binned(values: np.ndarray) -> np.ndarray:

@@ -13,17 +13,18 @@ force of the contact by so much that the motion's forces are not known any more.
 Reference: Lanczos 1970, The Variational Principles of Mechanics, ch. IV.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import pi
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
-from clearance.diagnosis.hypotheses.hypothesis import SMALLEST_CLEARANCE, Setting
+from clearance.diagnosis.hypotheses.hypothesis import SMALLEST_CLEARANCE, Hypothesis, Setting
 from clearance.diagnosis.kinematics.agreement import CLEARANCES, COMPARED, Alignment, agreement, loose
 from clearance.diagnosis.kinematics.pieces import reconstruct_whole
 from clearance.diagnosis.kinematics.regression import cost_of, regressed, scatter_of
+from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.kinematics.turning import Turning, answer, binned
 from clearance.diagnosis.searching.edges import EDGED
 from clearance.diagnosis.searching.geometry import GEOMETRIC
@@ -52,6 +53,9 @@ _FIRST = 2  # single effects beside which a second one is looked for
 _SHOWN = 3
 _ALIKE = 0.6  # of a table's torques: an effect that leaves more does something else; 0.46 was right
 _WITHIN, _CLOSER = 0.7, 10  # of the clearance's logarithm; clearances that are compared there
+_PERIODS = 4  # times the segments that tell the clearance beside a rhythm
+_LONGER, _AHEAD = 5e-4, 5e-4  # of a period, and s of a clock, by which they are tried at first
+_ROUNDS, _TRIALS = 2, 40  # of period and clocks, then shape; and for each of the former
 _CLOCKS = 120  # places in a period where another recording may begin
 _RHYTHM = 0.3  # of the imbalance: where nothing else leaves less, a rhythm of its own is looked for
 
@@ -204,13 +208,12 @@ def settle_in(search: Search, setting: Setting, one: Balanced) -> Balanced:
     """The same, when clearance and path have been sought anew with the loads that it puts on the links.
 
     Where the slider is pushed, the journal lies elsewhere than the nominal machine's motion would have it.
-    The reconstruction knows no clock: with a force over time it stays as it is.
 
     Raises:
         InputError: a law does not take the values.
         LinAlgError: a linkage that does not turn.
     """
-    if one.rhythm is not None or all(hypothesis.body == "crank" for hypothesis in one.hypotheses):
+    if all(hypothesis.body == "crank" for hypothesis in one.hypotheses):
         return one
 
     model, asked = setting.model(one.hypotheses), search.alignments[0].speed * 30.0 / pi
@@ -223,8 +226,10 @@ def settle_in(search: Search, setting: Setting, one: Balanced) -> Balanced:
             made = [machine(float(np.exp(size)))]
         except InputError:  # lobes that close the bore
             return float("inf")
-        return float(agreement(search.recordings, search.alignments, made, COMPARED, search.workers)[0])
+        return float(agreement(search.recordings, search.alignments, made, compared, search.workers)[0])
 
+    # what is pushed by a clock of its own is pushed otherwise in every turn
+    compared = COMPARED if one.rhythm is None else _PERIODS * COMPARED
     middle = np.log(one.clearance)
     low = max(middle - _WITHIN, np.log(SMALLEST_CLEARANCE))
     found = minimize_scalar(
@@ -236,7 +241,49 @@ def settle_in(search: Search, setting: Setting, one: Balanced) -> Balanced:
     again = [balance.fit(one.hypotheses, one.values, None if one.curve is None else bends(one.curve))]
     if one.hypotheses[0].name == EDGED and len(one.hypotheses) == 1:  # its edges may have been met wrongly
         again += [other for other in [balance.best(one.hypotheses)] if other is not None]
-    return replace(min(again, key=lambda other: other.cost), curve=one.curve)
+    return replace(min(again, key=lambda other: other.cost), curve=one.curve, rhythm=one.rhythm)
+
+
+def settle_clocks(
+    search: Search, setting: Setting, one: Balanced, force: Callable[[float], Hypothesis]
+) -> Balanced:
+    """A force over time with the period and the clocks that suit the motion beside it best.
+
+    Args:
+        search: with its alignments, by the clocks that are known.
+        setting: the machine.
+        one: the force, as of ``settle_in``.
+        force: with a period [s], for the same values.
+
+    Raises:
+        InputError: a law does not take the values.
+        LinAlgError: a linkage that does not turn.
+    """
+    assert one.rhythm is not None
+    period, clocks, shape = one.rhythm.period, np.array(one.rhythm.clocks), one
+    straight = None if one.curve is None else bends(one.curve)
+    asked = search.alignments[0].speed * 30.0 / pi
+    machine = setting.model(one.hypotheses).machine(np.concatenate([[one.clearance], one.values, [asked]]))
+    balance = Balance(search, setting, machine, one.clearance)
+    middles = np.array([turning.begin + 0.5 * turning.time[-1] for turning in balance.turnings])
+
+    def timed(change: np.ndarray) -> tuple[float, np.ndarray]:
+        """The period and by how much each clock is ahead; the middle of each recording stays where it was."""
+        longer = change[0] * _LONGER
+        return period * (1.0 + longer), longer * middles + np.append(0.0, change[1:] * _AHEAD)
+
+    def left(change: np.ndarray) -> float:
+        longer, ahead = timed(change)
+        return balance.timed(ahead).cost((force(longer),), shape.values)
+
+    change = np.zeros(len(clocks))
+    for _ in range(_ROUNDS):
+        simplex = np.vstack([change, change + np.eye(len(change))])
+        options = {"maxfev": _TRIALS * len(change), "xatol": 0.05, "fatol": 1e-5, "initial_simplex": simplex}
+        change = minimize(left, change, method="Nelder-Mead", options=options).x
+        longer, ahead = timed(change)
+        shape = balance.timed(ahead).fit((force(longer),), shape.values, straight)
+    return replace(shape, curve=one.curve, rhythm=Rhythm(float(longer), tuple(map(float, clocks + ahead))))
 
 
 def find_clock(measured: Measured, known: Alignment, machine: SliderCrank) -> float:

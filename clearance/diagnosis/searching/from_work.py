@@ -10,6 +10,7 @@ from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.searching.balance import Suggested, settle_in, suggest_forces
 from clearance.diagnosis.searching.beside import FAR, HALFWAY, MOSTLY, NEARLY, NEARLY_ALL, SHARED, beside
+from clearance.diagnosis.searching.clocked import follow_clocked
 from clearance.diagnosis.searching.elsewhere import WORKLESS, begin_again, begin_elsewhere, begin_inside
 from clearance.diagnosis.searching.everywhere import between, fit_from
 from clearance.diagnosis.searching.explanation import Explanation, Worked
@@ -285,6 +286,10 @@ def _follow_table(
 
     What a few sensors hear of strong impacts is not enough for each of many knots.
     """
+    if one.curve is not None and one.rhythm is not None:
+        found, table = follow_clocked(search, explanation, one, one.curve)
+        if found is not None or search.late():
+            return found, table
     found = _follow(search, explanation, search.setting, one)
     if found is None and one.fewer is not None and not search.late():
         return _follow(search, explanation, search.setting, one.fewer), one.fewer.curve
@@ -310,7 +315,8 @@ def _follow(
         sizes: of these.
     """
     try:
-        settled = settle_in(search, setting, one)
+        with search.timed(one.rhythm):
+            settled = settle_in(search, setting, one)
     except (InputError, np.linalg.LinAlgError):
         return None
     shown = ", ".join(f"{value:.4g}" for value in settled.values)

@@ -120,7 +120,8 @@ def begin_shaking(search: Search, explanation: Explanation) -> None:
         found.interpolation, period,
     )  # fmt: skip
     with search.timed(found.rhythm):
-        pushed = _with(search, explanation, known_force(curve), search.profile.best)
+        measured = known_force(free_form(curve, search.setting.joint), curve.forces)
+        pushed = _with(search, explanation, measured, search.profile.best)
         if pushed is not None and not (explained(pushed) or search.late()):
             fewer = replace(curve, knots=curve.knots[::2], forces=curve.forces[::2], interpolation="cubic")
             fitted = free_form(fewer, search.setting.joint)

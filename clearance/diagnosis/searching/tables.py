@@ -1,16 +1,14 @@
-"""A table that explains nearly: with more knots, with its own period, or with jumps between two levels.
+"""A table that explains nearly: with more knots, or with jumps between two levels.
 
 A force of free form is found with few knots (``free_search``, ``balance``). What it leaves where the force
 changes fast is told from what another force would explain by trying: on the paths that are known, or, where a
 slope in the place of a jump has torn them, on paths of its own.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from clearance.diagnosis.following.attempt import ANNEALING, ROOM, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import (
@@ -18,20 +16,18 @@ from clearance.diagnosis.hypotheses.free_form import (
     Curve,
     curve_of,
     free_form,
+    known_force,
     refined,
     unnamed,
 )
-from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
-from clearance.diagnosis.hypotheses.two_levels import known_levels, levels_of, two_levels
+from clearance.diagnosis.hypotheses.two_levels import levels_of, two_levels
+from clearance.diagnosis.searching.clocked import fit_clocked, retime
 from clearance.diagnosis.searching.elsewhere import seek_anew
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import Search
-from clearance.diagnosis.shooting.follow import Follower
-from clearance.diagnosis.shooting.settle import settle
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.parameters import TABLE_KNOTS
 
-_UNTIMELY, _PERIODS, _TIMED = 3e-3, 8, 2  # share of a period that it may be off; trials; steps of each
 _BETWEEN = ("cubic", "linear")  # knots
 _HALF = 0.5  # of the nominal misfit: a table that leaves more is not too coarse, but wrong
 _JUMPING = 0.75  # of it: slopes tear paths, so that a table of jumps leaves much until they are placed
@@ -56,7 +52,7 @@ def refine_table(search: Search, explanation: Explanation, curve: Curve, coarse:
         if fine.period is not None and not search.late():
             fine = replace(fine, forces=found.fit.values[0, 1:-1])
             table = partial(free_form, joint=search.setting.joint)
-            found, fine = _retime(search, explanation, fine, found, table)
+            found, fine = retime(search, explanation, fine, found, table)
         if found.misfit > _MUCH_LESS * coarse.misfit:
             return
         curve, coarse = fine, found
@@ -75,55 +71,6 @@ def _double(
     return [] if found is None else [(found, fine)]
 
 
-def _retime(
-    search: Search,
-    explanation: Explanation,
-    curve: Curve,
-    known: Attempt,
-    force: Callable[[Curve], Hypothesis],
-) -> tuple[Attempt, Curve]:
-    """A force over time with the period with which the recordings are followed best, or as it was.
-
-    Where impacts are strong, the balance of work knows the period to a part in a thousand: jumps then come a
-    segment too early at one end of a recording and too late at the other. Clocks turn with the period so that
-    the middle of each recording stays where it was.
-
-    Args:
-        search: that made the attempt.
-        explanation: added to.
-        curve: with the period.
-        known: the attempt.
-        force: with a curve's period.
-
-    Returns:
-        The attempt, and the curve.
-    """
-    rows = known.fit.values
-
-    def timed(change: float) -> tuple[Curve, list[Follower]]:
-        assert curve.period is not None
-        period = curve.period * (1.0 + change)
-        own = [follower.part(0, follower.segments) for follower in known.followers]
-        for follower in own:
-            one = follower.measured
-            middle = one.begin + 0.5 * one.segment * follower.segments
-            follower.measured = replace(one, clock=one.clock + change * middle, period=period)
-        return replace(curve, knots=curve.knots * (1.0 + change), period=period), own
-
-    def left(change: float) -> float:
-        other, own = timed(change)
-        model = search.setting.model([force(other)])
-        return settle(own, model, rows, _TIMED, 3e-2, search.workers, scale=known.scale).level
-
-    found = minimize_scalar(
-        left, method="bounded", bounds=(-_UNTIMELY, _UNTIMELY), options={"maxiter": _PERIODS}
-    )
-    other, own = timed(float(found.x))
-    search.report(f"  with a period longer by {float(found.x):.3%}")
-    again = search.refit(explanation, [force(other)], own, rows, ANNEALING[3], again=True)
-    return (known, curve) if again is None or again.misfit > known.misfit else (again, other)
-
-
 def sharpen(search: Search, explanation: Explanation) -> None:
     """Put a knot between each two of the best table, where it stands alone, as long as that says more.
 
@@ -135,7 +82,7 @@ def sharpen(search: Search, explanation: Explanation) -> None:
             return
         law = best.model.machine(best.fit.values[0]).force
         assert isinstance(law, TabulatedForce)
-        if law.argument not in ARGUMENTS or 2 * len(law.values) > TABLE_KNOTS:
+        if law.argument not in ARGUMENTS or 2 * len(law.values) > TABLE_KNOTS or law.returns is not None:
             return
         if place_jumps(search, explanation, curve_of(law), best):
             return
@@ -170,19 +117,12 @@ def place_jumps(search: Search, explanation: Explanation, curve: Curve, coarse: 
     placed += [] if placed and np.allclose(placed[0], fitted) else [fitted]
     for levels in placed:
         search.report(f"  as two levels of {levels[0]:.4g} and {levels[1]:.4g} with jumps")
-        held, rows = [known_levels(curve, levels)], coarse.fit.values[:, [0, -1]]
+        held, rows = [known_force(two_levels(curve, levels), levels)], coarse.fit.values[:, [0, -1]]
         known = seek_anew(search, explanation, held, rows, coarse, again=True, clearance=float(rows[0, 0]))
         if known is not None or search.late():
             break
     if known is None:
         return False
-    known.withdrawn = True  # its levels are of the coarse table, and nothing tells how sure they are
-    values = np.array([[one[0], *levels, one[-1]] for one in known.fit.values])
-    jumping = [two_levels(curve, levels)]
-    found = search.refit(explanation, jumping, known.followers, values, ANNEALING[3], again=True)
-    if found is not None and found.misfit > ROOM and not search.late():
-        first = len(explanation.attempts) - 1
-        found, _ = _retime(search, explanation, curve, found, partial(two_levels, values=levels))
-        for one in explanation.attempts[first:]:  # of one force with two periods one stands
-            one.withdrawn = one is not found
+    jumping, clearance = partial(two_levels, values=levels), float(coarse.fit.values[0, 0])
+    found = fit_clocked(search, explanation, curve, jumping, levels, known, clearance)
     return found is not None and found is explanation.best

@@ -115,7 +115,7 @@ def beyond_ideal(machine: SliderCrank, turning: Turning) -> np.ndarray:
 
     Loads that the reconstruction counted are part of that motion; the drive and other tables are not.
     """
-    counted = machine.force if counts(machine.parameters()) else NoForce()
+    counted = machine.force if counts(machine.parameters(), turning.clocked) else NoForce()
     inertia, acceleration = answer(replace(machine, drive=Free(), ripple=Smooth(), force=counted), turning)
     return binned(turning.torque - inertia * (turning.acceleration - acceleration))
 
@@ -145,6 +145,20 @@ class Balance:
         left = left - offsets @ np.linalg.lstsq(offsets, left, rcond=None)[0]
         ends = np.cumsum([len(part) for part in self.beyond])[:-1]
         self.scatter = scatter_of(np.split(left, ends))
+
+    def timed(self, clocks: Sequence[float] | np.ndarray) -> "Balance":
+        """The same by other clocks of the recordings [s]."""
+        other = copy(self)
+        other.turnings = [
+            replace(turning, begin=turning.begin + clock)
+            for turning, clock in zip(self.turnings, clocks, strict=True)
+        ]
+        return other
+
+    def cost(self, hypotheses: tuple[Hypothesis, ...], values: np.ndarray) -> float:
+        """What effects of given sizes leave, as of ``fit``."""
+        left, offsets = self._left(hypotheses, values)
+        return cost_of(left - offsets @ regressed(offsets, left, self.scatter), self.scatter)
 
     def least(self, share: float) -> float:
         """A force on the slider [N] whose work is, as mean square, a share of the scatter's."""
@@ -228,11 +242,7 @@ class Balance:
             rhythm = find_rhythm(needed, self.scatter)
             if rhythm is None:
                 continue
-            clocked = copy(self)
-            clocked.turnings = [
-                replace(turning, begin=turning.begin + clock)
-                for turning, clock in zip(self.turnings, rhythm.clocks, strict=True)
-            ]
+            clocked = self.timed(rhythm.clocks)
             knots = rhythm.period * np.arange(KNOTS) / KNOTS
             curve = Curve(
                 body, direction, "time", knots, np.ones(KNOTS), np.zeros(KNOTS), 0.0, 0.0,

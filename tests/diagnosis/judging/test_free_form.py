@@ -42,7 +42,9 @@ def test_a_measured_force_is_as_sure_as_the_recordings_agree_on_it(deviation, ba
     curve = Curve("frame", "x", "time", np.zeros(1), wave, wave, 0.0, 0.0, "linear", 0.06)
     follower = SimpleNamespace(measured=SimpleNamespace(clock=0.02))
     fit = SimpleNamespace(values=np.array([[3e-4, 700.0]]))
-    pushed = Attempt((known_force(curve),), SimpleNamespace(shared=1), fit, 1.0, 1.0, [follower])
+    pushed = Attempt(
+        (known_force(free_form(curve, "C"), wave),), SimpleNamespace(shared=1), fit, 1.0, 1.0, [follower]
+    )
     shaken = Shaking(Rhythm(0.06, (0.02,)), "x", wave, 0.99, deviation)
     found = free_form_of(pushed, Setting(SliderCrank(), "C"), shaken)
     np.testing.assert_allclose(found["table"], np.column_stack([0.015 * np.arange(4), wave]))
@@ -55,20 +57,22 @@ def test_a_measured_force_is_as_sure_as_the_recordings_agree_on_it(deviation, ba
 def test_between_two_jumps_a_force_is_as_sure_as_its_level_and_at_a_jump_as_its_time():
     knots = 0.05 * np.arange(4)
     curve = Curve("slider", "x", "time", knots, WAVE, WAVE, 0.0, 0.0, "linear", 0.2)
-    values = np.array([20.0, -8.0, 0.1, 0.6])
+    values = np.array([20.0, -8.0, 0.1, 0.6, 1 / 48])
     hypothesis = two_levels(curve, values)
     unknowns = (Unknown("clearance", 1.0), *hypothesis.unknowns, Unknown("speed", 1.0, own=True))
-    information = np.diag(1.0 / np.array([1.0, 0.1, 0.2, 1e-3, 2e-3, 1.0]) ** 2)
+    information = np.diag(1.0 / np.array([1.0, 0.1, 0.2, 1e-3, 2e-3, 1e-6, 1.0]) ** 2)
     fit = Fit(
         Model(unknowns, lambda _: None), np.array([[3e-4, *values, 700.0]]), 0.0,
-        [SimpleNamespace(parts=np.zeros((5, 6)))], information,
+        [SimpleNamespace(parts=np.zeros((5, 7)))], information,
     )  # fmt: skip
     follower = SimpleNamespace(measured=SimpleNamespace(clock=0.02))
     jumping = Attempt((hypothesis,), fit.model, fit, 1.0, 1.0, [follower])
     found = free_form_of(jumping, Setting(SliderCrank(), "C"))
     (time, force), low, high = np.array(found["table"]).T, np.array(found["low"]), np.array(found["high"])
     turns = time / 0.2
-    one, other = (turns > 0.13) & (turns < 0.57), (turns < 0.07) | (turns > 0.63)
+    one, other = (turns > 0.12) & (turns < 0.58), (turns > 0.62) & (turns < 1.08)
+    assert (one.sum(), other.sum()) == (2, 2)
+    assert np.ptp(turns) == pytest.approx(1.0)
     assert force[one] == pytest.approx(20.0)
     assert force[other] == pytest.approx(-8.0)
     assert (high - force)[one] == pytest.approx(1.96 * 0.1, rel=1e-3)

@@ -115,6 +115,16 @@ def test_signals_and_forces_of_a_motion_are_the_simulators(joint):
     assert np.median(np.abs(felt.imbalance)) < 1e-2 * np.abs(torque).max() + 1e-3
 
 
+def test_a_table_over_time_pushes_where_its_clock_is_known():
+    table = TabulatedForce("slider", "x", "time", 0.0, 0.001, (-6.0, 6.0), period=0.05, returns=0.026)
+    p = replace(SliderCrank(force=table), joint_c=Joint(3e-4)).parameters()
+    state, inputs, clock = np.zeros((2, 9)), np.zeros((2, 3)), np.array([0.01, 0.04])
+    state[:, :2] = 0.7, 70.0
+    without, pushed = (feel(p, ("C",), SENSORS, state, inputs, None, one) for one in (None, clock))
+    np.testing.assert_allclose((pushed.force_c - without.force_c)[:, 0], [6.0, -6.0], atol=1e-9)
+    np.testing.assert_allclose(pushed.signals, without.signals)
+
+
 @pytest.mark.parametrize("joints", [("B",), ("C",), ("B", "C")])
 def test_derivatives_are_those_of_what_is_felt(joints):
     loads = {"spring": LinearSpring(300.0, 0.1), "guide_friction": StribeckGuide(coulomb_force=5.0)}

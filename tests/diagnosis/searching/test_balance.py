@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.hypotheses.effect_files import load_effects
+from clearance.diagnosis.hypotheses.free_form import lasting
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
+from clearance.diagnosis.hypotheses.two_levels import levels_of, two_levels
 from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.kinematics.regression import regressed
 from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching.balance import (
     _inertia_force,
     find_clock,
+    settle_clocks,
     settle_in,
     suggest_forces,
     suggest_names,
@@ -186,6 +189,27 @@ def test_a_force_by_a_clock_of_its_own_is_a_table_over_time_that_repeats():
         first = search.retrace(0, SETTING.with_clearance(3e-4)).follower(0.1)
     assert search.recordings[0].period == 0.0
     assert first.measured.period == best.rhythm.period
+
+
+@pytest.mark.slow
+def test_a_force_that_jumps_is_timed_better_beside_the_motion_that_it_makes():
+    law = TabulatedForce("slider", "x", "time", 0.0035, 8e-4, (-12.0, 12.0), period=0.037, returns=0.0193)
+    search = traced(replace(NOMINAL, force=law))
+    best = next(one for one in suggested(search).forces if one.rhythm is not None)
+    levels = levels_of(best.curve)
+
+    def force(period):
+        return two_levels(lasting(best.curve, period), levels)
+
+    begun = replace(best, hypotheses=(force(best.curve.period),), values=levels, curve=None)
+    with search.timed(best.rhythm):
+        settled = settle_clocks(search, SETTING, settle_in(search, SETTING, begun), force)
+    assert abs(settled.rhythm.period - 0.037) < abs(best.rhythm.period - 0.037)
+    assert settled.cost < best.cost
+    assert settled.clearance == pytest.approx(3e-4, rel=0.05)
+    high, low, rises, falls, _ = settled.values
+    assert (high, low) == (pytest.approx(12.0, abs=1.0), pytest.approx(-12.0, abs=1.0))
+    assert (falls - rises) % 1.0 == pytest.approx((0.0193 - 8e-4) / 0.037, abs=0.01)
 
 
 def test_what_comes_again_by_its_own_clock_is_seen_where_the_scatter_hides_all_else(monkeypatch):

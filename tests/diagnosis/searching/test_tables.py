@@ -1,8 +1,7 @@
 """Forces of free form as tables: the same curve with other knots, and when more of them are tried."""
 
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,7 +18,7 @@ from clearance.diagnosis.hypotheses.free_form import (
     refined,
 )
 from clearance.diagnosis.hypotheses.two_levels import levels_of, two_levels
-from clearance.diagnosis.searching import tables
+from clearance.diagnosis.searching import clocked, tables
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.parameters import TABLE_KNOTS
@@ -78,8 +77,8 @@ def test_a_wave_of_two_levels_jumps_where_the_slopes_of_its_table_have_their_imp
     spoilt = curve.forces.copy()
     spoilt[round((start + 0.1 * part) / 0.2 * 24) % 24] = -90.0  # a knot of which nothing is known
     values = levels_of(replace(curve, forces=spoilt))
+    assert values[4] == 1.0 / TABLE_KNOTS
     sharp = curve_of(two_levels(curve, values).apply(SliderCrank(), values).force)
-    assert len(sharp.knots) == TABLE_KNOTS
     assert sharp.period == 0.2
     left, before = along(sharp, time) - true, along(curve, time) - true
     assert left.std() < 1.05 * before.std()  # a shape that was fitted, and one that was placed
@@ -167,46 +166,6 @@ def test_a_table_gets_more_knots_until_they_say_nothing_more_or_nothing_is_left(
     assert [count for count, _ in sharpened(coarse, finer)] == [23, 23]  # 1.02 leaves no room
 
 
-@dataclass(frozen=True)
-class Heard:
-    """What a table over time needs of a recording: its clock, and where its middle is."""
-
-    begin: float = 0.1
-    segment: float = 1e-3
-    clock: float = 0.1
-    period: float = 0.04
-
-
-@pytest.mark.parametrize("right", [0.99, 1.002])
-def test_a_period_is_fitted_where_the_middle_of_a_recording_stays_in_its_place(monkeypatch, right):
-    def follower():
-        return SimpleNamespace(measured=Heard(), segments=600, part=lambda *_: follower())
-
-    known = with_force([FREE_FORM], 9.0, tabulated("time", 4))
-    known.followers, known.scale = [follower()], 3.16
-    curve = Curve("slider", "x", "time", 0.01 * np.arange(4), np.ones(4), np.zeros(4), 0.0, 0.0, period=0.04)
-    heard = []
-
-    def settle(own, model, rows, *_, **__):
-        return SimpleNamespace(level=(own[0].measured.period / 0.04 - right) ** 2)
-
-    def refit(explanation, held, own, *_, **__):
-        heard.append((own[0].measured, held[0].apply(SliderCrank(), np.ones(4)).force))
-        return with_force([FREE_FORM], 3.0, tabulated("time", 4))
-
-    monkeypatch.setattr(tables, "settle", settle)
-    setting = SimpleNamespace(joint="C", model=lambda held: None)
-    search = SimpleNamespace(report=lambda _: None, refit=refit, setting=setting, workers=1)
-    table = partial(free_form, joint="C")
-    found, other = tables._retime(search, Explanation(known), curve, known, table)
-    ((measured, law),) = heard
-    expected = 0.04 * max(right, 0.997)  # no further than the balance of work may be wrong
-    assert law.period == measured.period == other.period == pytest.approx(expected, rel=2e-4)
-    assert found.misfit == 3.0
-    middle = 0.1 + 0.3
-    assert (measured.clock + 0.3) / measured.period == pytest.approx(middle / 0.04, abs=1e-6)
-
-
 @pytest.mark.parametrize(
     ("better", "ahead", "lost", "rises"),
     [
@@ -220,7 +179,7 @@ def test_jumps_are_followed_as_such(monkeypatch, better, ahead, lost, rises):
     curve = sampled(lambda t: np.where(t < 0.07, 20.0, -8.0), 24)[0]
     coarse = with_force([FREE_FORM], 3.0, TabulatedForce("slider", "x", "time", values=(0.0,), period=0.2))
     coarse.fit.values = np.array([[1e-4, *curve.forces, 700.0], [1e-4, *curve.forces, 900.0]])
-    coarse.followers = [SimpleNamespace(measured=Heard(clock=clock)) for clock in (0.0, 0.05)]
+    coarse.followers = [SimpleNamespace(measured=SimpleNamespace(clock=clock)) for clock in (0.0, 0.05)]
     explanation, clocks = Explanation(attempt([], 40.0), [coarse]), []
     known = attempt([FREE_FORM], 1.5)
     known.fit.values = np.array([[1.1e-4, 701.0], [1.1e-4, 901.0]])
@@ -245,7 +204,7 @@ def test_jumps_are_followed_as_such(monkeypatch, better, ahead, lost, rises):
 
     def refit(explanation, held, followers, values, scale, again):
         (force,) = held
-        assert len(force.unknowns) == 4
+        assert len(force.unknowns) == 5
         np.testing.assert_array_equal(values[:, [0, -1]], known.fit.values)
         np.testing.assert_allclose(values[0, 1:3], [20.0, -8.0], atol=0.5)
         assert np.abs((values[0, 3] - rises + 0.5) % 1.0 - 0.5) < 0.01
@@ -257,12 +216,13 @@ def test_jumps_are_followed_as_such(monkeypatch, better, ahead, lost, rises):
     later = attempt([FREE_FORM], 5.1)
 
     def retime(search, explanation, curve, known, force):
-        again = force(replace(curve, period=0.201)).apply(SliderCrank(), np.array([20.0, -8.0, 0.0, 0.35]))
+        values = np.array([20.0, -8.0, 0.0, 0.35, 0.02])
+        again = force(replace(curve, period=0.201)).apply(SliderCrank(), values)
         assert again.force.period == 0.201
         explanation.attempts.append(later)
         return known, curve
 
-    monkeypatch.setattr(tables, "_retime", retime)
+    monkeypatch.setattr(clocked, "retime", retime)
     search = SimpleNamespace(
         late=lambda: False, report=lambda _: None, timed=timed, keep=keep, refit=refit,
         starts=[SimpleNamespace(doubt=2.0), SimpleNamespace(doubt=1.0)],
@@ -276,11 +236,11 @@ def test_jumps_are_followed_as_such(monkeypatch, better, ahead, lost, rises):
     assert not fitted[0].withdrawn
 
 
-@pytest.mark.parametrize("moved", [0, 1, 2, 3])
+@pytest.mark.parametrize("moved", [0, 1, 2, 3, 4])
 def test_levels_and_jumps_move_the_force_where_they_are(moved):
     curve, time, _ = sampled(lambda t: np.where(t < 0.07, 20.0, -8.0), 24)
-    values, step = np.array([20.0, -8.0, 0.1, 0.45]), np.array([1.0, 1.0, 0.005, 0.005])[moved]
-    further = values + step * (np.arange(4) == moved)
+    values, step = np.array([20.0, -8.0, 0.1, 0.45, 0.02]), np.array([1.0, 1.0, 0.005, 0.005, 0.02])[moved]
+    further = values + step * (np.arange(5) == moved)
     before, after = (
         along(curve_of(two_levels(curve, values).apply(SliderCrank(), row).force), time)
         for row in (values, further)
@@ -288,8 +248,10 @@ def test_levels_and_jumps_move_the_force_where_they_are(moved):
     turns = time / 0.2
     one = (turns > 0.1 + 1 / 48) & (turns < 0.45 - 2 / 48)
     other = (turns < 0.1 - 1 / 48) | (turns > 0.45 + 2 / 48)
-    expected = {0: (1.0, 0.0), 1: (0.0, 1.0), 2: (0.0, 0.0), 3: (0.0, 0.0)}[moved]
+    expected = {0: (1.0, 0.0), 1: (0.0, 1.0), 2: (0.0, 0.0), 3: (0.0, 0.0), 4: (0.0, 0.0)}[moved]
     np.testing.assert_allclose((after - before)[one], expected[0], atol=1e-9)
     np.testing.assert_allclose((after - before)[other], expected[1], atol=1e-9)
-    gained = {0: 0.35, 1: 0.65, 2: -0.14, 3: 0.14}[moved]  # the mean: 28 N for half a hundredth of a turn
+    gained = {0: 0.35, 1: 0.65, 2: -0.14, 3: 0.14, 4: 0.0}[
+        moved
+    ]  # the mean: 28 N for half a hundredth of a turn
     assert np.mean(after - before) == pytest.approx(gained, abs=2e-3)

@@ -1,0 +1,204 @@
+"""Forces that repeat by a clock of their own: followed by clocks that are set better and better.
+
+The balance of work finds period, clocks and shape of such a force beside a motion that lacks it. Beside it
+the motion shows another clearance, and with that another shape and other clocks; by these the recordings are
+followed with the force as it is, so that no fit leads it astray on a path that is not right yet.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from clearance.diagnosis.following.attempt import ANNEALING, ROOM, Attempt
+from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, free_form, known_force, lasting, refined
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.hypotheses.two_levels import levels_of, two_levels
+from clearance.diagnosis.searching.balance import settle_clocks, settle_in
+from clearance.diagnosis.searching.elsewhere import rhythm_of
+from clearance.diagnosis.searching.everywhere import fit_from
+from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.search import Search
+from clearance.diagnosis.searching.work import Balanced
+from clearance.diagnosis.shooting.follow import Follower
+from clearance.diagnosis.shooting.settle import settle
+from clearance.errors import InputError
+
+_UNTIMELY, _PERIODS, _TIMED = 3e-3, 8, 2  # share of a period that it may be off; trials; steps of each
+_AHEAD, _PLACES = 1.2e-3, 9  # s, that a clock may be wrong by; places that are tried
+_LOOKS = 3  # for paths by clocks that were set by others
+_STILL = 10.0  # misfit: paths that were sought by a wrong clock are torn
+_MUCH_LESS = 0.7  # of what is left: paths that are sought anew are better
+
+
+def follow_clocked(
+    search: Search, explanation: Explanation, one: Balanced, curve: Curve
+) -> tuple[Attempt | None, Curve]:
+    """Fit a force over time that the balance suggests, once clearance, clocks and shape go together.
+
+    Args:
+        search: after its nominal stage.
+        explanation: added to.
+        one: of the suggestions, with a rhythm.
+        curve: its table.
+
+    Returns:
+        The attempt; the table, which one that jumps between two levels is not.
+    """
+    levels, force = levels_of(curve), partial(free_form, joint=search.setting.joint)
+    if levels is not None:
+        force, values = partial(two_levels, values=levels), levels
+    else:
+        curve = refined(curve, "cubic") if len(curve.knots) <= KNOTS else curve
+        values = curve.forces
+    table = curve if levels is None else None
+    try:
+        with search.timed(one.rhythm):
+            begun = replace(one, hypotheses=(force(curve),), values=values, curve=table)
+            settled = settle_in(search, search.setting, begun)
+            settled = settle_clocks(search, search.setting, settled, lambda p: force(lasting(curve, p)))
+        with search.timed(settled.rhythm):
+            settled = settle_in(search, search.setting, settled)
+    except (InputError, np.linalg.LinAlgError):
+        return None, curve
+    assert settled.rhythm is not None
+    curve, values = lasting(curve, settled.rhythm.period), settled.values
+    shown = ", ".join(f"{value:.4g}" for value in values)
+    gap = f"{settled.clearance * 1e3:.3f} mm"
+    search.report(f"  as {shown} every {curve.period:.5g} s it goes with a clearance of {gap}")
+    held = _held(force, values)(curve)
+    with search.timed(settled.rhythm):
+        known = fit_from(
+            search, explanation, explanation.nominal, [held], np.zeros(0), settled.clearance, anew=True
+        )
+    if known is None:
+        return None, curve
+    return fit_clocked(search, explanation, curve, force, values, known, settled.clearance), curve
+
+
+def fit_clocked(
+    search: Search,
+    explanation: Explanation,
+    curve: Curve,
+    force: Callable[[Curve], Hypothesis],
+    values: np.ndarray,
+    known: Attempt,
+    clearance: float,
+) -> Attempt | None:
+    """Fit a force over time on paths that were followed with what is known of it.
+
+    Clocks are set by the paths, values fitted, and paths sought anew with these, as long as they are torn and
+    that helps: a jump that comes a segment too early loses a recording, or tears it where it is not lost.
+
+    Args:
+        search: that made the attempt.
+        explanation: added to.
+        curve: with the period.
+        force: with a curve's period.
+        values: (unknowns,) of it that are known.
+        known: the attempt.
+        clearance: with which the motion agrees [m]; that of a torn path is astray.
+    """
+    first, nominal, found = len(explanation.attempts), explanation.nominal, None
+    known.withdrawn = True  # nothing tells how sure its values are
+    for look in range(_LOOKS):
+        if known.misfit > ROOM and not search.late():
+            known, curve = retime(search, explanation, curve, known, _held(force, values))
+        rows = np.array([[one[0], *values, one[-1]] for one in known.fit.values])
+        again = search.refit(explanation, [force(curve)], known.followers, rows, ANNEALING[3], again=True)
+        if again is not None and again.misfit > ROOM and not search.late():
+            again, curve = retime(search, explanation, curve, again, force)
+        if again is None or (found is not None and not again.misfit < _MUCH_LESS * found.misfit):
+            break
+        found = again
+        if not found.misfit > _STILL or look == _LOOKS - 1 or search.late():
+            break
+        values = found.fit.values[0, 1:-1]
+        held = _held(force, values)(curve)
+        with search.timed(rhythm_of(found)):
+            anew = fit_from(search, explanation, nominal, [held], np.zeros(0), clearance, anew=True)
+        if anew is None:
+            break
+        known = anew
+    for one in explanation.attempts[first:]:  # of one force with two periods one stands
+        one.withdrawn = one is not found
+    return found
+
+
+def _held(force: Callable[[Curve], Hypothesis], values: np.ndarray) -> Callable[[Curve], Hypothesis]:
+    """The force of which nothing is fitted, with a curve's period."""
+    return lambda curve: known_force(force(curve), values)
+
+
+def retime(
+    search: Search,
+    explanation: Explanation,
+    curve: Curve,
+    known: Attempt,
+    force: Callable[[Curve], Hypothesis],
+) -> tuple[Attempt, Curve]:
+    """A force over time with the period and the clocks with which recordings are followed best, or as it was.
+
+    Where impacts are strong, the balance of work knows the period to a part in a thousand, and each clock to
+    a millisecond: jumps then come a segment too early or too late. Clocks turn with the period so that the
+    middle of each recording stays where it was.
+
+    Args:
+        search: that made the attempt.
+        explanation: added to.
+        curve: with the period.
+        known: the attempt.
+        force: with a curve's period.
+
+    Returns:
+        The attempt, and the curve.
+    """
+    rows = known.fit.values
+    later = [_reset(search, force(curve), known, r) for r in range(1, len(known.followers))]
+    late = [0.0, *later]
+
+    def timed(change: float) -> tuple[Curve, list[Follower]]:
+        assert curve.period is not None
+        period = curve.period * (1.0 + change)
+        own = [follower.part(0, follower.segments) for follower in known.followers]
+        for follower, shift in zip(own, late, strict=True):
+            one = follower.measured
+            middle = one.begin + 0.5 * one.segment * follower.segments
+            follower.measured = replace(one, clock=one.clock + shift + change * middle, period=period)
+        return replace(curve, knots=curve.knots * (1.0 + change), period=period), own
+
+    def left(change: float) -> float:
+        other, own = timed(change)
+        model = search.setting.model([force(other)])
+        return settle(own, model, rows, _TIMED, 3e-2, search.workers, scale=known.scale).level
+
+    found = minimize_scalar(
+        left, method="bounded", bounds=(-_UNTIMELY, _UNTIMELY), options={"maxiter": _PERIODS}
+    )
+    other, own = timed(float(found.x))
+    search.report(f"  with a period longer by {float(found.x):.3%}")
+    again = search.refit(explanation, [force(other)], own, rows, ANNEALING[3], again=True)
+    return (known, curve) if again is None or again.misfit > known.misfit else (again, other)
+
+
+def _reset(search: Search, force: Hypothesis, known: Attempt, r: int) -> float:
+    """By how much recording ``r`` is followed best with a force over time if its clock is ahead [s]."""
+    model, rows = search.setting.model([force]), known.fit.values[[r]]
+
+    def left(ahead: float) -> float:
+        own = known.followers[r].part(0, known.followers[r].segments)
+        own.measured = replace(own.measured, clock=own.measured.clock + ahead)
+        return settle([own], model, rows, _TIMED, 3e-2, search.workers, scale=known.scale).level
+
+    places = np.linspace(-_AHEAD, _AHEAD, _PLACES)
+    levels = [left(float(place)) for place in places]
+    least, step = int(np.argmin(levels)), float(places[1] - places[0])
+    if not 0 < least < _PLACES - 1:  # a path that is lost is lost less at one end
+        return 0.0
+    best = float(places[least])
+    found = minimize_scalar(
+        left, method="bounded", bounds=(best - step, best + step), options={"maxiter": _PERIODS // 2}
+    )
+    return float(found.x) if found.fun < min(levels) else best
