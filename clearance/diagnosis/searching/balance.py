@@ -54,6 +54,7 @@ _SHOWN = 3
 _ALIKE = 0.6  # of a table's torques: an effect that leaves more does something else; 0.46 was right
 _WITHIN, _CLOSER = 0.7, 10  # of the clearance's logarithm; clearances that are compared there
 _PERIODS = 4  # times the segments that tell the clearance beside a rhythm
+_VALLEY, _PLACES = 0.08, 9  # of the clearance's logarithm around its best; clearances there
 _LONGER, _AHEAD = 5e-4, 5e-4  # of a period, and s of a clock, by which they are tried at first
 _ROUNDS, _TRIALS = 2, 40  # of period and clocks, then shape; and for each of the former
 _CLOCKS = 120  # places in a period where another recording may begin
@@ -236,7 +237,7 @@ def settle_in(search: Search, setting: Setting, one: Balanced) -> Balanced:
         disagree, method="bounded", bounds=(low, min(middle + _WITHIN, np.log(CLEARANCES[-1]))),
         options={"maxiter": _CLOSER},
     )  # fmt: skip
-    clearance = float(np.exp(found.x))
+    clearance = float(np.exp(found.x if one.rhythm is None else _middle(disagree, float(found.x))))
     balance = Balance(search, setting, machine(clearance), clearance)
     again = [balance.fit(one.hypotheses, one.values, None if one.curve is None else bends(one.curve))]
     if one.hypotheses[0].name == EDGED and len(one.hypotheses) == 1:  # its edges may have been met wrongly
@@ -244,8 +245,24 @@ def settle_in(search: Search, setting: Setting, one: Balanced) -> Balanced:
     return replace(min(again, key=lambda other: other.cost), curve=one.curve, rhythm=one.rhythm)
 
 
+def _middle(disagree: Callable[[float], float], least: float) -> float:
+    """Where a parabola through what is near the least value is lowest: impacts roughen a smooth valley."""
+    places = np.linspace(-_VALLEY, _VALLEY, _PLACES)
+    values = np.array([disagree(least + place) for place in places])
+    if not np.isfinite(values).all():
+        return least
+    bend, slope, _ = np.polyfit(places, values, 2)
+    if bend <= 0.0:
+        return least
+    return least + float(np.clip(-0.5 * slope / bend, -_VALLEY, _VALLEY))
+
+
 def settle_clocks(
-    search: Search, setting: Setting, one: Balanced, force: Callable[[float], Hypothesis]
+    search: Search,
+    setting: Setting,
+    one: Balanced,
+    force: Callable[[float], Hypothesis],
+    known_at: Sequence[float] | None = None,
 ) -> Balanced:
     """A force over time with the period and the clocks that suit the motion beside it best.
 
@@ -254,6 +271,7 @@ def settle_clocks(
         setting: the machine.
         one: the force, as of ``settle_in``.
         force: with a period [s], for the same values.
+        known_at: what each recording's clock shows where it is right [s]: then the period alone is sought.
 
     Raises:
         InputError: a law does not take the values.
@@ -265,24 +283,26 @@ def settle_clocks(
     asked = search.alignments[0].speed * 30.0 / pi
     machine = setting.model(one.hypotheses).machine(np.concatenate([[one.clearance], one.values, [asked]]))
     balance = Balance(search, setting, machine, one.clearance)
-    middles = np.array([turning.begin + 0.5 * turning.time[-1] for turning in balance.turnings])
+    held = known_at or [turning.begin + 0.5 * turning.time[-1] for turning in balance.turnings]
 
     def timed(change: np.ndarray) -> tuple[float, np.ndarray]:
-        """The period and by how much each clock is ahead; the middle of each recording stays where it was."""
-        longer = change[0] * _LONGER
-        return period * (1.0 + longer), longer * middles + np.append(0.0, change[1:] * _AHEAD)
+        """The period and by how much each clock is ahead: where it is held, by as much as is asked for."""
+        longer, ahead = change[0] * _LONGER, np.zeros(len(clocks))
+        ahead[1 : len(change)] = change[1:] * _AHEAD
+        return period * (1.0 + longer), longer * np.array(held) + ahead
 
     def left(change: np.ndarray) -> float:
         longer, ahead = timed(change)
         return balance.timed(ahead).cost((force(longer),), shape.values)
 
-    change = np.zeros(len(clocks))
+    change = np.zeros(len(clocks) if known_at is None else 1)
     for _ in range(_ROUNDS):
         simplex = np.vstack([change, change + np.eye(len(change))])
         options = {"maxfev": _TRIALS * len(change), "xatol": 0.05, "fatol": 1e-5, "initial_simplex": simplex}
         change = minimize(left, change, method="Nelder-Mead", options=options).x
         longer, ahead = timed(change)
-        shape = balance.timed(ahead).fit((force(longer),), shape.values, straight)
+        if known_at is None:
+            shape = balance.timed(ahead).fit((force(longer),), shape.values, straight)
     return replace(shape, curve=one.curve, rhythm=Rhythm(float(longer), tuple(map(float, clocks + ahead))))
 
 

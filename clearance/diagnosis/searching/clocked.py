@@ -5,7 +5,7 @@ the motion shows another clearance, and with that another shape and other clocks
 followed with the force as it is, so that no fit leads it astray on a path that is not right yet.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -28,14 +28,17 @@ from clearance.errors import InputError
 
 _UNTIMELY, _PERIODS, _TIMED = 3e-3, 8, 2  # share of a period that it may be off; trials; steps of each
 _AHEAD, _PLACES = 1.2e-3, 9  # s, that a clock may be wrong by; places that are tried
+_SETTLED = 2  # times that clearance, clocks and shape are settled, each beside the others
+_MANY = 3.0  # periods in a stretch, that tell how long they are
 _LOOKS = 3  # for paths by clocks that were set by others
 _STILL = 10.0  # misfit: paths that were sought by a wrong clock are torn
+_AS_WELL = 1.1  # times what is left: a period is as good beside a stretch
 _MUCH_LESS = 0.7  # of what is left: paths that are sought anew are better
 
 
 def follow_clocked(
     search: Search, explanation: Explanation, one: Balanced, curve: Curve
-) -> tuple[Attempt | None, Curve]:
+) -> tuple[Attempt | None, Curve | None]:
     """Fit a force over time that the balance suggests, once clearance, clocks and shape go together.
 
     Args:
@@ -45,7 +48,7 @@ def follow_clocked(
         curve: its table.
 
     Returns:
-        The attempt; the table, which one that jumps between two levels is not.
+        The attempt; its table, ``None`` where it jumps between two levels.
     """
     levels, force = levels_of(curve), partial(free_form, joint=search.setting.joint)
     if levels is not None:
@@ -55,14 +58,15 @@ def follow_clocked(
         values = curve.forces
     table = curve if levels is None else None
     try:
-        with search.timed(one.rhythm):
-            begun = replace(one, hypotheses=(force(curve),), values=values, curve=table)
-            settled = settle_in(search, search.setting, begun)
-            settled = settle_clocks(search, search.setting, settled, lambda p: force(lasting(curve, p)))
+        settled = replace(one, hypotheses=(force(curve),), values=values, curve=table)
+        for _ in range(_SETTLED):
+            with search.timed(settled.rhythm):
+                settled = settle_in(search, search.setting, settled)
+                settled = settle_clocks(search, search.setting, settled, lambda p: force(lasting(curve, p)))
         with search.timed(settled.rhythm):
             settled = settle_in(search, search.setting, settled)
     except (InputError, np.linalg.LinAlgError):
-        return None, curve
+        return None, table
     assert settled.rhythm is not None
     curve, values = lasting(curve, settled.rhythm.period), settled.values
     shown = ", ".join(f"{value:.4g}" for value in values)
@@ -73,9 +77,10 @@ def follow_clocked(
         known = fit_from(
             search, explanation, explanation.nominal, [held], np.zeros(0), settled.clearance, anew=True
         )
+    table = None if table is None else curve
     if known is None:
-        return None, curve
-    return fit_clocked(search, explanation, curve, force, values, known, settled.clearance), curve
+        return None, table
+    return fit_clocked(search, explanation, curve, force, values, known, settled.clearance), table
 
 
 def fit_clocked(
@@ -122,6 +127,8 @@ def fit_clocked(
         if anew is None:
             break
         known = anew
+    if found is not None and not found.misfit > _STILL and not search.late():
+        found = _lasting_on(search, explanation, curve, found, force)
     for one in explanation.attempts[first:]:  # of one force with two periods one stands
         one.withdrawn = one is not found
     return found
@@ -139,11 +146,11 @@ def retime(
     known: Attempt,
     force: Callable[[Curve], Hypothesis],
 ) -> tuple[Attempt, Curve]:
-    """A force over time with the period and the clocks with which recordings are followed best, or as it was.
+    """A force over time with the clocks and the period with which recordings are followed best, or as it was.
 
     Where impacts are strong, the balance of work knows the period to a part in a thousand, and each clock to
     a millisecond: jumps then come a segment too early or too late. Clocks turn with the period so that the
-    middle of each recording stays where it was.
+    middle of each stretch stays where it was; one of few periods does not tell how long they are.
 
     Args:
         search: that made the attempt.
@@ -155,32 +162,74 @@ def retime(
     Returns:
         The attempt, and the curve.
     """
-    rows = known.fit.values
-    later = [_reset(search, force(curve), known, r) for r in range(1, len(known.followers))]
-    late = [0.0, *later]
+    assert curve.period is not None
+    rows, first = known.fit.values, 1 if force(curve).unknowns else 0  # of what is fitted, one has its times
+    ahead = [0.0 if r < first else _reset(search, force(curve), known, r) for r in range(len(rows))]
+    many = min(f.segments * f.measured.segment for f in known.followers) > _MANY * curve.period
+    if not (many or any(ahead)):
+        return known, curve
+    known_at = [f.measured.begin + 0.5 * f.measured.segment * f.segments for f in known.followers]
 
     def timed(change: float) -> tuple[Curve, list[Follower]]:
         assert curve.period is not None
-        period = curve.period * (1.0 + change)
-        own = [follower.part(0, follower.segments) for follower in known.followers]
-        for follower, shift in zip(own, late, strict=True):
-            one = follower.measured
-            middle = one.begin + 0.5 * one.segment * follower.segments
-            follower.measured = replace(one, clock=one.clock + shift + change * middle, period=period)
-        return replace(curve, knots=curve.knots * (1.0 + change), period=period), own
+        clocks = np.array(ahead) + change * np.array(known_at)
+        return _by(curve, known, curve.period * (1.0 + change), clocks)
 
     def left(change: float) -> float:
         other, own = timed(change)
         model = search.setting.model([force(other)])
         return settle(own, model, rows, _TIMED, 3e-2, search.workers, scale=known.scale).level
 
-    found = minimize_scalar(
-        left, method="bounded", bounds=(-_UNTIMELY, _UNTIMELY), options={"maxiter": _PERIODS}
-    )
-    other, own = timed(float(found.x))
-    search.report(f"  with a period longer by {float(found.x):.3%}")
+    bounds, change = (-_UNTIMELY, _UNTIMELY), 0.0
+    if many:
+        change = minimize_scalar(left, method="bounded", bounds=bounds, options={"maxiter": _PERIODS}).x
+    other, own = timed(float(change))
+    shown = ", ".join(f"{1e3 * one:.2f}" for one in ahead)
+    search.report(f"  with clocks ahead by {shown} ms and a period longer by {change:.3%}")
     again = search.refit(explanation, [force(other)], own, rows, ANNEALING[3], again=True)
     return (known, curve) if again is None or again.misfit > known.misfit else (again, other)
+
+
+def _lasting_on(
+    search: Search,
+    explanation: Explanation,
+    curve: Curve,
+    found: Attempt,
+    force: Callable[[Curve], Hypothesis],
+) -> Attempt:
+    """An attempt with the period that suits the rest of the recordings, by the balance of work beside it.
+
+    A stretch of few periods is followed with any that is nearly right, and what is held out is not.
+    """
+    rhythm = rhythm_of(found)
+    assert rhythm is not None
+    clearance, *values, _ = found.fit.values[0]
+    one = Balanced((force(curve),), np.array(values), np.inf, float(clearance), rhythm=rhythm)
+    known_at = [f.measured.begin + 0.5 * f.measured.segment * f.segments for f in found.followers]
+    try:
+        with search.timed(rhythm):
+            settled = settle_clocks(search, search.setting, one, lambda p: force(lasting(curve, p)), known_at)
+    except (InputError, np.linalg.LinAlgError):
+        return found
+    assert settled.rhythm is not None
+    change = settled.rhythm.period / rhythm.period - 1.0
+    search.report(f"  with a period longer by {change:.3%}, as the balance of work has it")
+    ahead = np.array(settled.rhythm.clocks) - np.array(rhythm.clocks)
+    other, own = _by(curve, found, settled.rhythm.period, ahead)
+    rows = found.fit.values
+    again = search.refit(explanation, [force(other)], own, rows, ANNEALING[3], again=True)
+    return found if again is None or again.misfit > _AS_WELL * found.misfit else again
+
+
+def _by(
+    curve: Curve, known: Attempt, period: float, ahead: Sequence[float] | np.ndarray
+) -> tuple[Curve, list[Follower]]:
+    """A curve and followers with another period [s] and with clocks that are ahead [s] of those they have."""
+    own = [follower.part(0, follower.segments) for follower in known.followers]
+    for follower, shift in zip(own, ahead, strict=True):
+        one = follower.measured
+        follower.measured = replace(one, clock=one.clock + float(shift), period=period)
+    return lasting(curve, period), own
 
 
 def _reset(search: Search, force: Hypothesis, known: Attempt, r: int) -> float:

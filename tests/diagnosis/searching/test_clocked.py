@@ -10,6 +10,7 @@ import pytest
 
 from clearance.diagnosis.hypotheses.free_form import FREE_FORM, Curve, free_form
 from clearance.diagnosis.hypotheses.two_levels import two_levels
+from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching import clocked
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.slider_crank import SliderCrank
@@ -77,6 +78,61 @@ def test_a_clock_is_set_by_the_path_that_is_followed_unless_it_would_go_on_for_e
     assert clocked._reset(search, "force", known, 1) == pytest.approx(expected, abs=6e-5)
 
 
+@pytest.mark.parametrize(("held", "ahead"), [(True, [2e-4, 2e-4]), (False, [0.0, 2e-4])])
+def test_few_periods_tell_their_clocks_and_not_how_long_they_are(monkeypatch, held, ahead):
+    def follower():
+        return SimpleNamespace(measured=Heard(), segments=110, part=lambda *_: follower())
+
+    known = with_force([FREE_FORM], 9.0, tabulated("time", 4))
+    known.followers, known.fit.values = [follower(), follower()], np.zeros((2, 6))
+    curve = Curve("slider", "x", "time", 0.01 * np.arange(4), np.ones(4), np.zeros(4), 0.0, 0.0, period=0.04)
+    heard = []
+
+    def refit(explanation, held, own, *_, **__):
+        heard.extend(one.measured for one in own)
+
+    monkeypatch.setattr(clocked, "_reset", lambda search, force, known, r: 2e-4)
+    search = SimpleNamespace(report=lambda _: None, refit=refit)
+    table = partial(free_form, joint="C")
+    force = clocked._held(table, np.ones(4)) if held else table  # of one that is fitted the first is its own
+    assert clocked.retime(search, Explanation(known), curve, known, force) == (known, curve)
+    assert [one.period for one in heard] == [0.04, 0.04]
+    np.testing.assert_allclose([one.clock - 0.1 for one in heard], ahead)
+
+
+@pytest.mark.parametrize(("left", "stands"), [(1.05, True), (1.2, False)])
+def test_the_rest_of_a_recording_tells_how_long_a_period_is(monkeypatch, left, stands):
+    found = with_force([FREE_FORM], 1.0, tabulated("time", 4))
+    found.fit.values = np.array([[3e-4, 1.0, 2.0, 3.0, 4.0, 700.0]])
+    found.followers = [SimpleNamespace(measured=Heard(), segments=110)]
+    found.followers[0].part = lambda *_: SimpleNamespace(measured=Heard(), segments=110)
+    curve = Curve("slider", "x", "time", 0.01 * np.arange(4), np.ones(4), np.zeros(4), 0.0, 0.0, period=0.04)
+    again, heard = attempt([FREE_FORM], left), []
+
+    def settle_clocks(search, setting, one, force, known_at):
+        assert (one.clearance, list(one.values)) == (3e-4, [1.0, 2.0, 3.0, 4.0])
+        assert known_at == [pytest.approx(0.1 + 0.055)]
+        assert force(0.041).apply(SliderCrank(), one.values).force.period == 0.041
+        return replace(one, rhythm=Rhythm(0.0404, (0.102,)))
+
+    def refit(explanation, held, own, *_, **__):
+        heard.append((own[0].measured.clock, held[0].apply(SliderCrank(), np.ones(4)).force.period))
+        return again
+
+    @contextmanager
+    def by(rhythm):
+        yield
+
+    monkeypatch.setattr(clocked, "rhythm_of", lambda one: Rhythm(0.04, (0.1,)))
+    monkeypatch.setattr(clocked, "settle_clocks", settle_clocks)
+    search = SimpleNamespace(report=lambda _: None, refit=refit, timed=by, setting=None)
+    table = partial(free_form, joint="C")
+    assert clocked._lasting_on(search, Explanation(found), curve, found, table) is (
+        again if stands else found
+    )
+    assert heard == [(pytest.approx(0.102), 0.0404)]
+
+
 def followed_again(monkeypatch, lost, fitted):
     """Periods and levels by which paths are sought anew, where fits leave ``fitted``, and ``lost`` fails."""
     curve = sampled(lambda t: np.where(t < 0.07, 20.0, -8.0), 24)[0]
@@ -108,6 +164,7 @@ def followed_again(monkeypatch, lost, fitted):
     monkeypatch.setattr(clocked, "retime", retime)
     monkeypatch.setattr(clocked, "rhythm_of", lambda one: None)
     monkeypatch.setattr(clocked, "fit_from", from_)
+    monkeypatch.setattr(clocked, "_lasting_on", lambda search, explanation, curve, found, force: found)
     search = SimpleNamespace(late=lambda: False, timed=by, refit=refit)
     known, force = made(200.0), partial(two_levels, values=VALUES)
     found = clocked.fit_clocked(search, explanation, curve, force, VALUES, known, 3e-4)

@@ -223,6 +223,7 @@ def test_jumps_are_followed_as_such(monkeypatch, better, ahead, lost, rises):
         return known, curve
 
     monkeypatch.setattr(clocked, "retime", retime)
+    monkeypatch.setattr(clocked, "_lasting_on", lambda search, explanation, curve, found, force: found)
     search = SimpleNamespace(
         late=lambda: False, report=lambda _: None, timed=timed, keep=keep, refit=refit,
         starts=[SimpleNamespace(doubt=2.0), SimpleNamespace(doubt=1.0)],
