@@ -1,4 +1,4 @@
-"""Forces that repeat by a clock of their own: followed by clocks that are set better and better.
+"""A force by a clock of its own: its period, and how one that jumps between two levels is followed.
 
 The balance of work finds period, clocks and shape of such a force beside a motion that lacks it. Beside it
 the motion shows another clearance, and with that another shape and other clocks; by these the recordings are
@@ -13,9 +13,9 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from clearance.diagnosis.following.attempt import ANNEALING, ROOM, Attempt
-from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, free_form, known_force, lasting, refined
+from clearance.diagnosis.hypotheses.free_form import Curve, known_force, lasting
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
-from clearance.diagnosis.hypotheses.two_levels import levels_of, two_levels
+from clearance.diagnosis.hypotheses.two_levels import two_levels
 from clearance.diagnosis.searching.balance import settle_clocks, settle_in
 from clearance.diagnosis.searching.elsewhere import rhythm_of
 from clearance.diagnosis.searching.everywhere import fit_from
@@ -27,38 +27,28 @@ from clearance.diagnosis.shooting.settle import settle
 from clearance.errors import InputError
 
 _UNTIMELY, _PERIODS, _TIMED = 3e-3, 8, 2  # share of a period that it may be off; trials; steps of each
-_AHEAD, _PLACES = 1.2e-3, 9  # s, that a clock may be wrong by; places that are tried
 _SETTLED = 2  # times that clearance, clocks and shape are settled, each beside the others
-_MANY = 3.0  # periods in a stretch, that tell how long they are
 _LOOKS = 3  # for paths by clocks that were set by others
 _STILL = 10.0  # misfit: paths that were sought by a wrong clock are torn
 _AS_WELL = 1.1  # times what is left: a period is as good beside a stretch
 _MUCH_LESS = 0.7  # of what is left: paths that are sought anew are better
 
 
-def follow_clocked(
-    search: Search, explanation: Explanation, one: Balanced, curve: Curve
-) -> tuple[Attempt | None, Curve | None]:
-    """Fit a force over time that the balance suggests, once clearance, clocks and shape go together.
+def follow_jumps(
+    search: Search, explanation: Explanation, one: Balanced, curve: Curve, levels: np.ndarray
+) -> Attempt | None:
+    """Fit a force that jumps between two levels, once clearance, clocks and shape go together.
 
     Args:
         search: after its nominal stage.
         explanation: added to.
-        one: of the suggestions, with a rhythm.
+        one: of the suggestions of the balance of work, with a rhythm.
         curve: its table.
-
-    Returns:
-        The attempt; its table, ``None`` where it jumps between two levels.
+        levels: of that, as of ``levels_of``.
     """
-    levels, force = levels_of(curve), partial(free_form, joint=search.setting.joint)
-    if levels is not None:
-        force, values = partial(two_levels, values=levels), levels
-    else:
-        curve = refined(curve, "cubic") if len(curve.knots) <= KNOTS else curve
-        values = curve.forces
-    table = curve if levels is None else None
+    force = partial(two_levels, values=levels)
+    settled = replace(one, hypotheses=(force(curve),), values=levels, curve=None)
     try:
-        settled = replace(one, hypotheses=(force(curve),), values=values, curve=table)
         for _ in range(_SETTLED):
             with search.timed(settled.rhythm):
                 settled = settle_in(search, search.setting, settled)
@@ -66,53 +56,53 @@ def follow_clocked(
         with search.timed(settled.rhythm):
             settled = settle_in(search, search.setting, settled)
     except (InputError, np.linalg.LinAlgError):
-        return None, table
+        return None
     assert settled.rhythm is not None
-    curve, values = lasting(curve, settled.rhythm.period), settled.values
-    shown = ", ".join(f"{value:.4g}" for value in values)
+    curve, levels = lasting(curve, settled.rhythm.period), settled.values
+    shown = ", ".join(f"{value:.4g}" for value in levels)
     gap = f"{settled.clearance * 1e3:.3f} mm"
-    search.report(f"  as {shown} every {curve.period:.5g} s it goes with a clearance of {gap}")
-    held = _held(force, values)(curve)
+    search.report(f"  levels and jumps {shown} every {curve.period:.5g} s go with a clearance of {gap}")
+    held = known_force(force(curve), levels)
     with search.timed(settled.rhythm):
         known = fit_from(
             search, explanation, explanation.nominal, [held], np.zeros(0), settled.clearance, anew=True
         )
-    table = None if table is None else curve
     if known is None:
-        return None, table
-    return fit_clocked(search, explanation, curve, force, values, known, settled.clearance), table
+        return None
+    return fit_jumps(search, explanation, curve, levels, known, settled.clearance)
 
 
-def fit_clocked(
+def fit_jumps(
     search: Search,
     explanation: Explanation,
     curve: Curve,
-    force: Callable[[Curve], Hypothesis],
-    values: np.ndarray,
+    levels: np.ndarray,
     known: Attempt,
     clearance: float,
 ) -> Attempt | None:
-    """Fit a force over time on paths that were followed with what is known of it.
+    """Fit a force that jumps between two levels on paths that were followed with what is known of it.
 
-    Clocks are set by the paths, values fitted, and paths sought anew with these, as long as they are torn and
-    that helps: a jump that comes a segment too early loses a recording, or tears it where it is not lost.
+    The period is set by the paths, levels and jumps are fitted, and paths sought anew with these, as long as
+    they are torn and that helps: a jump that comes a segment too early loses a recording, or tears it where
+    it is not lost.
 
     Args:
         search: that made the attempt.
         explanation: added to.
         curve: with the period.
-        force: with a curve's period.
-        values: (unknowns,) of it that are known.
+        levels: (5,) as of ``levels_of``.
         known: the attempt.
         clearance: with which the motion agrees [m]; that of a torn path is astray.
     """
     first, nominal, found = len(explanation.attempts), explanation.nominal, None
-    known.withdrawn = True  # nothing tells how sure its values are
+    known.withdrawn = True  # nothing tells how sure its levels are
+    force = partial(two_levels, values=levels)
     for look in range(_LOOKS):
         if known.misfit > ROOM and not search.late():
-            known, curve = retime(search, explanation, curve, known, _held(force, values))
-        rows = np.array([[one[0], *values, one[-1]] for one in known.fit.values])
-        again = search.refit(explanation, [force(curve)], known.followers, rows, ANNEALING[3], again=True)
+            known, curve = retime(search, explanation, curve, known, _held(force, levels))
+        rows = np.array([[one[0], *levels, one[-1]] for one in known.fit.values])
+        scale = max(known.scale, ANNEALING[3])
+        again = search.refit(explanation, [force(curve)], known.followers, rows, scale, again=True)
         if again is not None and again.misfit > ROOM and not search.late():
             again, curve = retime(search, explanation, curve, again, force)
         if again is None or (found is not None and not again.misfit < _MUCH_LESS * found.misfit):
@@ -120,8 +110,8 @@ def fit_clocked(
         found = again
         if not found.misfit > _STILL or look == _LOOKS - 1 or search.late():
             break
-        values = found.fit.values[0, 1:-1]
-        held = _held(force, values)(curve)
+        levels = found.fit.values[0, 1:-1]
+        held = known_force(force(curve), levels)
         with search.timed(rhythm_of(found)):
             anew = fit_from(search, explanation, nominal, [held], np.zeros(0), clearance, anew=True)
         if anew is None:
@@ -146,11 +136,11 @@ def retime(
     known: Attempt,
     force: Callable[[Curve], Hypothesis],
 ) -> tuple[Attempt, Curve]:
-    """A force over time with the clocks and the period with which recordings are followed best, or as it was.
+    """A force over time with the period with which the recordings are followed best, or as it was.
 
-    Where impacts are strong, the balance of work knows the period to a part in a thousand, and each clock to
-    a millisecond: jumps then come a segment too early or too late. Clocks turn with the period so that the
-    middle of each stretch stays where it was; one of few periods does not tell how long they are.
+    Where impacts are strong, the balance of work knows the period to a part in a thousand: jumps then come a
+    segment too early at one end of a recording and too late at the other. Clocks turn with the period so that
+    the middle of each stretch stays where it was.
 
     Args:
         search: that made the attempt.
@@ -162,30 +152,22 @@ def retime(
     Returns:
         The attempt, and the curve.
     """
-    assert curve.period is not None
-    rows, first = known.fit.values, 1 if force(curve).unknowns else 0  # of what is fitted, one has its times
-    ahead = [0.0 if r < first else _reset(search, force(curve), known, r) for r in range(len(rows))]
-    many = min(f.segments * f.measured.segment for f in known.followers) > _MANY * curve.period
-    if not (many or any(ahead)):
-        return known, curve
+    rows = known.fit.values
     known_at = [f.measured.begin + 0.5 * f.measured.segment * f.segments for f in known.followers]
 
     def timed(change: float) -> tuple[Curve, list[Follower]]:
         assert curve.period is not None
-        clocks = np.array(ahead) + change * np.array(known_at)
-        return _by(curve, known, curve.period * (1.0 + change), clocks)
+        return _by(curve, known, curve.period * (1.0 + change), change * np.array(known_at))
 
     def left(change: float) -> float:
         other, own = timed(change)
         model = search.setting.model([force(other)])
         return settle(own, model, rows, _TIMED, 3e-2, search.workers, scale=known.scale).level
 
-    bounds, change = (-_UNTIMELY, _UNTIMELY), 0.0
-    if many:
-        change = minimize_scalar(left, method="bounded", bounds=bounds, options={"maxiter": _PERIODS}).x
+    bounds = (-_UNTIMELY, _UNTIMELY)
+    change = minimize_scalar(left, method="bounded", bounds=bounds, options={"maxiter": _PERIODS}).x
     other, own = timed(float(change))
-    shown = ", ".join(f"{1e3 * one:.2f}" for one in ahead)
-    search.report(f"  with clocks ahead by {shown} ms and a period longer by {change:.3%}")
+    search.report(f"  with a period longer by {change:.3%}")
     again = search.refit(explanation, [force(other)], own, rows, ANNEALING[3], again=True)
     return (known, curve) if again is None or again.misfit > known.misfit else (again, other)
 
@@ -230,24 +212,3 @@ def _by(
         one = follower.measured
         follower.measured = replace(one, clock=one.clock + float(shift), period=period)
     return lasting(curve, period), own
-
-
-def _reset(search: Search, force: Hypothesis, known: Attempt, r: int) -> float:
-    """By how much recording ``r`` is followed best with a force over time if its clock is ahead [s]."""
-    model, rows = search.setting.model([force]), known.fit.values[[r]]
-
-    def left(ahead: float) -> float:
-        own = known.followers[r].part(0, known.followers[r].segments)
-        own.measured = replace(own.measured, clock=own.measured.clock + ahead)
-        return settle([own], model, rows, _TIMED, 3e-2, search.workers, scale=known.scale).level
-
-    places = np.linspace(-_AHEAD, _AHEAD, _PLACES)
-    levels = [left(float(place)) for place in places]
-    least, step = int(np.argmin(levels)), float(places[1] - places[0])
-    if not 0 < least < _PLACES - 1:  # a path that is lost is lost less at one end
-        return 0.0
-    best = float(places[least])
-    found = minimize_scalar(
-        left, method="bounded", bounds=(best - step, best + step), options={"maxiter": _PERIODS // 2}
-    )
-    return float(found.x) if found.fun < min(levels) else best

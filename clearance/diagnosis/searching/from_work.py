@@ -8,9 +8,10 @@ import numpy as np
 from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
+from clearance.diagnosis.hypotheses.two_levels import levels_of
 from clearance.diagnosis.searching.balance import Suggested, settle_in, suggest_forces
 from clearance.diagnosis.searching.beside import FAR, HALFWAY, MOSTLY, NEARLY, NEARLY_ALL, SHARED, beside
-from clearance.diagnosis.searching.clocked import follow_clocked
+from clearance.diagnosis.searching.clocked import follow_jumps
 from clearance.diagnosis.searching.elsewhere import WORKLESS, begin_again, begin_elsewhere, begin_inside
 from clearance.diagnosis.searching.everywhere import between, fit_from
 from clearance.diagnosis.searching.explanation import Explanation, Worked
@@ -286,10 +287,11 @@ def _follow_table(
 
     What a few sensors hear of strong impacts is not enough for each of many knots.
     """
-    if one.curve is not None and one.rhythm is not None:
-        found, table = follow_clocked(search, explanation, one, one.curve)
+    levels = None if one.curve is None or one.rhythm is None else levels_of(one.curve)
+    if one.curve is not None and levels is not None:
+        found = follow_jumps(search, explanation, one, one.curve, levels)
         if found is not None or search.late():
-            return found, table
+            return found, None
     found = _follow(search, explanation, search.setting, one)
     if found is None and one.fewer is not None and not search.late():
         return _follow(search, explanation, search.setting, one.fewer), one.fewer.curve
@@ -315,8 +317,8 @@ def _follow(
         sizes: of these.
     """
     try:
-        with search.timed(one.rhythm):
-            settled = settle_in(search, setting, one)
+        # a table by its own clock is too coarse to be settled beside
+        settled = one if one.rhythm is not None else settle_in(search, setting, one)
     except (InputError, np.linalg.LinAlgError):
         return None
     shown = ", ".join(f"{value:.4g}" for value in settled.values)

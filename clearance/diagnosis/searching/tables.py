@@ -21,7 +21,7 @@ from clearance.diagnosis.hypotheses.free_form import (
     unnamed,
 )
 from clearance.diagnosis.hypotheses.two_levels import levels_of, two_levels
-from clearance.diagnosis.searching.clocked import fit_clocked, retime
+from clearance.diagnosis.searching.clocked import fit_jumps, retime
 from clearance.diagnosis.searching.elsewhere import seek_anew
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import Search
@@ -123,6 +123,5 @@ def place_jumps(search: Search, explanation: Explanation, curve: Curve, coarse: 
             break
     if known is None:
         return False
-    jumping, clearance = partial(two_levels, values=levels), float(coarse.fit.values[0, 0])
-    found = fit_clocked(search, explanation, curve, jumping, levels, known, clearance)
+    found = fit_jumps(search, explanation, curve, levels, known, float(coarse.fit.values[0, 0]))
     return found is not None and found is explanation.best

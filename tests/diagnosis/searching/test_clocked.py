@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.hypotheses.free_form import FREE_FORM, Curve, free_form
-from clearance.diagnosis.hypotheses.two_levels import two_levels
 from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching import clocked
 from clearance.diagnosis.searching.explanation import Explanation
@@ -58,46 +57,6 @@ def test_a_period_is_fitted_where_the_middle_of_a_recording_stays_in_its_place(m
     assert found.misfit == 3.0
     middle = 0.1 + 0.3
     assert (measured.clock + 0.3) / measured.period == pytest.approx(middle / 0.04, abs=1e-6)
-
-
-@pytest.mark.parametrize(("ahead", "expected"), [(4e-4, 4e-4), (-9.3e-4, -9.3e-4), (2e-3, 0.0)])
-def test_a_clock_is_set_by_the_path_that_is_followed_unless_it_would_go_on_for_ever(
-    monkeypatch, ahead, expected
-):
-    def follower():
-        return SimpleNamespace(measured=Heard(), segments=600, part=lambda *_: follower())
-
-    known = with_force([FREE_FORM], 9.0, tabulated("time", 4))
-    known.followers, known.fit.values = [None, follower()], np.zeros((2, 3))
-
-    def settle(own, *_, **__):
-        return SimpleNamespace(level=abs(own[0].measured.clock - 0.1 - ahead))
-
-    monkeypatch.setattr(clocked, "settle", settle)
-    search = SimpleNamespace(setting=SimpleNamespace(model=lambda held: None), workers=1)
-    assert clocked._reset(search, "force", known, 1) == pytest.approx(expected, abs=6e-5)
-
-
-@pytest.mark.parametrize(("held", "ahead"), [(True, [2e-4, 2e-4]), (False, [0.0, 2e-4])])
-def test_few_periods_tell_their_clocks_and_not_how_long_they_are(monkeypatch, held, ahead):
-    def follower():
-        return SimpleNamespace(measured=Heard(), segments=110, part=lambda *_: follower())
-
-    known = with_force([FREE_FORM], 9.0, tabulated("time", 4))
-    known.followers, known.fit.values = [follower(), follower()], np.zeros((2, 6))
-    curve = Curve("slider", "x", "time", 0.01 * np.arange(4), np.ones(4), np.zeros(4), 0.0, 0.0, period=0.04)
-    heard = []
-
-    def refit(explanation, held, own, *_, **__):
-        heard.extend(one.measured for one in own)
-
-    monkeypatch.setattr(clocked, "_reset", lambda search, force, known, r: 2e-4)
-    search = SimpleNamespace(report=lambda _: None, refit=refit)
-    table = partial(free_form, joint="C")
-    force = clocked._held(table, np.ones(4)) if held else table  # of one that is fitted the first is its own
-    assert clocked.retime(search, Explanation(known), curve, known, force) == (known, curve)
-    assert [one.period for one in heard] == [0.04, 0.04]
-    np.testing.assert_allclose([one.clock - 0.1 for one in heard], ahead)
 
 
 @pytest.mark.parametrize(("left", "stands"), [(1.05, True), (1.2, False)])
@@ -166,8 +125,7 @@ def followed_again(monkeypatch, lost, fitted):
     monkeypatch.setattr(clocked, "fit_from", from_)
     monkeypatch.setattr(clocked, "_lasting_on", lambda search, explanation, curve, found, force: found)
     search = SimpleNamespace(late=lambda: False, timed=by, refit=refit)
-    known, force = made(200.0), partial(two_levels, values=VALUES)
-    found = clocked.fit_clocked(search, explanation, curve, force, VALUES, known, 3e-4)
+    found = clocked.fit_jumps(search, explanation, curve, VALUES, made(200.0), 3e-4)
     stand = [one for one in explanation.attempts if not one.withdrawn]
     assert stand == ([] if found is None else [found])
     return sought, None if found is None else found.misfit
