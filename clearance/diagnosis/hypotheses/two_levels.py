@@ -13,6 +13,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 
 _WIDE = 3  # knots at a level: the slopes of a shorter one reach into each other
 _LEVEL, _SLOPES = 0.15, 0.35  # of a jump, by which a knot is off its level; share of knots that may be
+_FLANK = 0.5 - 0.5 * np.cos(np.pi * np.arange(9) / 8)  # of a jump: nothing is switched without a bend
 _LASTING = (1e-3, 0.1)  # of a period, that a jump takes
 _STEP, _REACH = 1e-4, 0.3  # of the difference of the levels, or of the time between two knots
 
@@ -81,7 +82,8 @@ def _jumping(curve: Curve, values: np.ndarray) -> TabulatedForce:
     period = float(curve.period)
     jump = lasts * period
     high_for = float(np.clip((falls - rises) % 1.0 * period, jump, period - jump))
+    forces = tuple(map(float, low + (high - low) * _FLANK))
     return TabulatedForce(
-        curve.body, curve.direction, curve.argument, rises * period - 0.5 * jump, jump, (low, high),
-        "linear", period, high_for + jump,
+        curve.body, curve.direction, curve.argument, rises * period - 0.5 * jump, jump / (len(_FLANK) - 1),
+        forces, "linear", period, high_for + jump,
     )  # fmt: skip

@@ -351,8 +351,9 @@ def _points(law: TabulatedForce) -> np.ndarray:
     there = np.arange((count - 1) * finer + 1) / finer
     if law.returns is not None and law.spacing is not None:
         # beside each corner, too: there only the level is unsure, and not when it is left
-        there = law.spacing * np.append(there, there[-1] + 1.0)
-        off = np.array([law.returns + law.spacing, law.repeats_after - law.spacing, law.repeats_after])
+        flank = law.spacing * there[-1]
+        there = np.append(law.spacing * there, 2.0 * flank)
+        off = np.array([law.returns + flank, law.repeats_after - flank, law.repeats_after])
         places = np.concatenate([there, law.returns - there[::-1], off])
         return law.start + np.unique(np.clip(places, 0.0, law.repeats_after))
     if law.repeats:

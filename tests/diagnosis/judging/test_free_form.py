@@ -77,7 +77,7 @@ def test_between_two_jumps_a_force_is_as_sure_as_its_level_and_at_a_jump_as_its_
     assert force[other] == pytest.approx(-8.0)
     assert (high - force)[one] == pytest.approx(1.96 * 0.1, rel=1e-3)
     assert (force - low)[other] == pytest.approx(1.96 * 0.2, rel=1e-3)
-    steep = 1.96 * 28.0 * 48  # and of unsure time
+    steep = 1.96 * 28.0 * 48 * 1.5  # and of unsure time, half way up a cosine's flank
     assert (high - force)[np.abs(turns - 0.1) < 0.03].max() == pytest.approx(steep * 1e-3, rel=0.05)
     assert (high - force)[np.abs(turns - 0.6) < 0.03].max() == pytest.approx(steep * 2e-3, rel=0.1)
 

@@ -110,7 +110,7 @@ def followed_again(monkeypatch, lost, fitted):
     def from_(search, explanation, base, held, values, clearance, anew):
         assert (base, len(values), clearance, anew) == (explanation.nominal, 0, 3e-4, True)
         law = held[0].apply(SliderCrank(), values).force
-        sought.append((round(law.period, 3), law.values[1]))
+        sought.append((round(law.period, 3), law.values[-1]))
         return None if len(sought) == lost else made(100.0)
 
     def refit(explanation, held, followers, values, scale, again):
