@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from clearance.diagnosis.following.attempt import ANNEALING, ROOM, Attempt
-from clearance.diagnosis.hypotheses.free_form import Curve, known_force, lasting
+from clearance.diagnosis.hypotheses.free_form import Curve, curve_of, free_form, known_force, lasting
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.hypotheses.two_levels import two_levels
 from clearance.diagnosis.searching.balance import settle_clocks, settle_in
@@ -25,6 +25,7 @@ from clearance.diagnosis.searching.work import Balanced
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.settle import settle
 from clearance.errors import InputError
+from clearance.mechanism.applied_force import TabulatedForce
 
 _UNTIMELY, _PERIODS, _TIMED = 3e-3, 8, 2  # share of a period that it may be off; trials; steps of each
 _SETTLED = 2  # times that clearance, clocks and shape are settled, each beside the others
@@ -170,6 +171,19 @@ def retime(
     search.report(f"  with a period longer by {change:.3%}")
     again = search.refit(explanation, [force(other)], own, rows, ANNEALING[3], again=True)
     return (known, curve) if again is None or again.misfit > known.misfit else (again, other)
+
+
+def keep_time(search: Search, explanation: Explanation) -> None:
+    """Give the best table by a clock of its own, if it stands alone, the period that recordings show."""
+    best = explanation.best
+    if len(best.hypotheses) > 1 or rhythm_of(best) is None or best.misfit > _STILL or search.late():
+        return
+    law = best.model.machine(best.fit.values[0]).force
+    assert isinstance(law, TabulatedForce)
+    if law.returns is None:  # of jumps it is known by now
+        table = partial(free_form, joint=search.setting.joint)
+        found = _lasting_on(search, explanation, curve_of(law), best, table)
+        best.withdrawn = found is not best
 
 
 def _lasting_on(

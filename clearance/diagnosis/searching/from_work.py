@@ -11,7 +11,7 @@ from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.hypotheses.two_levels import levels_of
 from clearance.diagnosis.searching.balance import Suggested, settle_in, suggest_forces
 from clearance.diagnosis.searching.beside import FAR, HALFWAY, MOSTLY, NEARLY, NEARLY_ALL, SHARED, beside
-from clearance.diagnosis.searching.clocked import follow_jumps
+from clearance.diagnosis.searching.clocked import follow_jumps, keep_time
 from clearance.diagnosis.searching.elsewhere import WORKLESS, begin_again, begin_elsewhere, begin_inside
 from clearance.diagnosis.searching.everywhere import between, fit_from
 from clearance.diagnosis.searching.explanation import Explanation, Worked
@@ -128,6 +128,8 @@ class _Balancing:
                 refine_table(self.search, self.explanation, table, found)
             else:
                 place_jumps(self.search, self.explanation, table, found)
+        if one.rhythm is not None:
+            keep_time(self.search, self.explanation)
         nominal = self.explanation.nominal
         if one.curve is None and self._shares(found):
             self._named_cost = min(self._named_cost, one.cost)
