@@ -30,7 +30,7 @@ from clearance.mechanism.applied_force import TabulatedForce
 _UNTIMELY, _PERIODS, _TIMED = 3e-3, 8, 2  # share of a period that it may be off; trials; steps of each
 _SETTLED = 2  # times that clearance, clocks and shape are settled, each beside the others
 _LOOKS = 3  # for paths by clocks that were set by others
-_STILL = 10.0  # misfit: paths that were sought by a wrong clock are torn
+_TORN, _LOST = 2.0, 10.0  # misfit above which paths are sought anew; or with which no period is told
 _AS_WELL = 1.1  # times what is left: a period is as good beside a stretch
 _MUCH_LESS = 0.7  # of what is left: paths that are sought anew are better
 
@@ -70,38 +70,39 @@ def follow_jumps(
         )
     if known is None:
         return None
-    return fit_jumps(search, explanation, curve, levels, known, settled.clearance)
+    known.withdrawn = True  # nothing tells how sure its levels are
+    return fit_again(search, explanation, curve, force, levels, known, settled.clearance)
 
 
-def fit_jumps(
+def fit_again(
     search: Search,
     explanation: Explanation,
     curve: Curve,
-    levels: np.ndarray,
+    force: Callable[[Curve], Hypothesis],
+    values: np.ndarray,
     known: Attempt,
     clearance: float,
 ) -> Attempt | None:
-    """Fit a force that jumps between two levels on paths that were followed with what is known of it.
+    """Fit a force over time on paths that were followed with what is known of it.
 
-    The period is set by the paths, levels and jumps are fitted, and paths sought anew with these, as long as
-    they are torn and that helps: a jump that comes a segment too early loses a recording, or tears it where
-    it is not lost.
+    The period is set by the paths, the values are fitted, and paths sought anew with these, as long as they
+    are torn and that helps: a jump that comes a segment too early loses a recording, or tears it where it is
+    not lost.
 
     Args:
         search: that made the attempt.
         explanation: added to.
         curve: with the period.
-        levels: (5,) as of ``levels_of``.
+        force: with a curve's period.
+        values: (unknowns,) of it that are known.
         known: the attempt.
         clearance: with which the motion agrees [m]; that of a torn path is astray.
     """
     first, nominal, found = len(explanation.attempts), explanation.nominal, None
-    known.withdrawn = True  # nothing tells how sure its levels are
-    force = partial(two_levels, values=levels)
     for look in range(_LOOKS):
         if known.misfit > ROOM and not search.late():
-            known, curve = retime(search, explanation, curve, known, _held(force, levels))
-        rows = np.array([[one[0], *levels, one[-1]] for one in known.fit.values])
+            known, curve = retime(search, explanation, curve, known, _held(force, values))
+        rows = np.array([[one[0], *values, one[-1]] for one in known.fit.values])
         scale = max(known.scale, ANNEALING[3])
         again = search.refit(explanation, [force(curve)], known.followers, rows, scale, again=True)
         if again is not None and again.misfit > ROOM and not search.late():
@@ -109,16 +110,16 @@ def fit_jumps(
         if again is None or (found is not None and not again.misfit < _MUCH_LESS * found.misfit):
             break
         found = again
-        if not found.misfit > _STILL or look == _LOOKS - 1 or search.late():
+        if not found.misfit > _TORN or look == _LOOKS - 1 or search.late():
             break
-        levels = found.fit.values[0, 1:-1]
-        held = known_force(force(curve), levels)
+        values = found.fit.values[0, 1:-1]
+        held = known_force(force(curve), values)
         with search.timed(rhythm_of(found)):
             anew = fit_from(search, explanation, nominal, [held], np.zeros(0), clearance, anew=True)
         if anew is None:
             break
         known = anew
-    if found is not None and not found.misfit > _STILL and not search.late():
+    if found is not None and not found.misfit > _LOST and not search.late():
         found = _lasting_on(search, explanation, curve, found, force)
     for one in explanation.attempts[first:]:  # of one force with two periods one stands
         one.withdrawn = one is not found
@@ -176,14 +177,13 @@ def retime(
 def keep_time(search: Search, explanation: Explanation) -> None:
     """Give the best table by a clock of its own, if it stands alone, the period that recordings show."""
     best = explanation.best
-    if len(best.hypotheses) > 1 or rhythm_of(best) is None or best.misfit > _STILL or search.late():
+    if len(best.hypotheses) > 1 or rhythm_of(best) is None or best.misfit > _LOST or search.late():
         return
     law = best.model.machine(best.fit.values[0]).force
     assert isinstance(law, TabulatedForce)
     if law.returns is None:  # of jumps it is known by now
         table = partial(free_form, joint=search.setting.joint)
-        found = _lasting_on(search, explanation, curve_of(law), best, table)
-        best.withdrawn = found is not best
+        best.withdrawn = _lasting_on(search, explanation, curve_of(law), best, table) is not best
 
 
 def _lasting_on(

@@ -21,7 +21,7 @@ from clearance.diagnosis.hypotheses.free_form import (
     unnamed,
 )
 from clearance.diagnosis.hypotheses.two_levels import levels_of, two_levels
-from clearance.diagnosis.searching.clocked import fit_jumps, retime
+from clearance.diagnosis.searching.clocked import fit_again, retime
 from clearance.diagnosis.searching.elsewhere import seek_anew
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import Search
@@ -123,5 +123,7 @@ def place_jumps(search: Search, explanation: Explanation, curve: Curve, coarse: 
             break
     if known is None:
         return False
-    found = fit_jumps(search, explanation, curve, levels, known, float(coarse.fit.values[0, 0]))
+    known.withdrawn = True  # nothing tells how sure its levels are
+    jumping, clearance = partial(two_levels, values=levels), float(coarse.fit.values[0, 0])
+    found = fit_again(search, explanation, curve, jumping, levels, known, clearance)
     return found is not None and found is explanation.best

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.hypotheses.free_form import FREE_FORM, Curve, free_form
+from clearance.diagnosis.hypotheses.two_levels import two_levels
 from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching import clocked
 from clearance.diagnosis.searching.explanation import Explanation
@@ -125,7 +126,9 @@ def followed_again(monkeypatch, lost, fitted):
     monkeypatch.setattr(clocked, "fit_from", from_)
     monkeypatch.setattr(clocked, "_lasting_on", lambda search, explanation, curve, found, force: found)
     search = SimpleNamespace(late=lambda: False, timed=by, refit=refit)
-    found = clocked.fit_jumps(search, explanation, curve, VALUES, made(200.0), 3e-4)
+    known, force = made(200.0), partial(two_levels, values=VALUES)
+    known.withdrawn = True
+    found = clocked.fit_again(search, explanation, curve, force, VALUES, known, 3e-4)
     stand = [one for one in explanation.attempts if not one.withdrawn]
     assert stand == ([] if found is None else [found])
     return sought, None if found is None else found.misfit
@@ -135,7 +138,7 @@ def followed_again(monkeypatch, lost, fitted):
     ("lost", "fitted", "sought", "best"),
     [
         (None, [90.0, 30.0, 1.0], [(0.22, 21.0), (0.24, 22.0)], 1.0),  # three looks
-        (None, [90.0, 9.0], [(0.22, 21.0)], 9.0),  # paths are not torn any more
+        (None, [90.0, 1.9], [(0.22, 21.0)], 1.9),  # paths are not torn any more
         (1, [90.0], [(0.22, 21.0)], 90.0),
         (None, [90.0, 80.0], [(0.22, 21.0)], 90.0),  # that helps little
         (None, [], [], None),
