@@ -210,6 +210,7 @@ def test_jumps_are_followed_as_such(monkeypatch, better, ahead, lost, rises):
         assert np.abs((values[0, 3] - rises + 0.5) % 1.0 - 0.5) < 0.01
         explanation.attempts.append(attempt([FREE_FORM], 1.2 if better else 5.0))
         fitted.append(explanation.attempts[-1])
+        fitted[-1].fit.values = values
         return fitted[0]
 
     monkeypatch.setattr("clearance.diagnosis.searching.elsewhere.fit_everywhere", everywhere)
@@ -223,6 +224,8 @@ def test_jumps_are_followed_as_such(monkeypatch, better, ahead, lost, rises):
         return known, curve
 
     monkeypatch.setattr(clocked, "retime", retime)
+    monkeypatch.setattr(clocked, "rhythm_of", lambda one: None)
+    monkeypatch.setattr(clocked, "fit_from", lambda *_, **__: None)  # what is torn stays lost
     monkeypatch.setattr(clocked, "_lasting_on", lambda search, explanation, curve, found, force: found)
     search = SimpleNamespace(
         late=lambda: False, report=lambda _: None, timed=timed, keep=keep, refit=refit,
