@@ -7,10 +7,11 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.missing_force import PLACES
+from clearance.diagnosis.judging.free_form import free_form_of
 from clearance.diagnosis.judging.mismatch import Innovations, innovations, locate, whiteness
 from clearance.diagnosis.judging.nominal_map import nominal_map
 from clearance.diagnosis.judging.signature import signatures
-from clearance.diagnosis.judging.verdict import effects_of, free_form_of, probabilities
+from clearance.diagnosis.judging.verdict import effects_of, probabilities
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import p_value

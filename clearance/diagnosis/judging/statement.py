@@ -6,6 +6,7 @@ from typing import Any
 
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.judging.detectability import seen_beside
+from clearance.diagnosis.judging.free_form import free_form_of
 from clearance.diagnosis.judging.held_out import Judged, likelier
 from clearance.diagnosis.judging.mismatch import Innovations, interval, noticed, root_mean_square, summary
 from clearance.diagnosis.judging.play import clearance_of
@@ -17,7 +18,6 @@ from clearance.diagnosis.judging.verdict import (
     basis_of,
     borne_out,
     effects_of,
-    free_form_of,
     gone,
     lost,
     place_of,

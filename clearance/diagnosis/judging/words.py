@@ -8,11 +8,11 @@ import numpy as np
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import DAMPING, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
+from clearance.diagnosis.judging.free_form import argument_of
 from clearance.diagnosis.judging.held_out import SURELY
 from clearance.diagnosis.judging.play import NEAREST, clearance_of
 from clearance.diagnosis.judging.verdict import (
     MOTION,
-    argument_of,
     borne_out,
     cushioned,
     drives,

@@ -155,7 +155,7 @@ def retime(
         The attempt, and the curve.
     """
     rows = known.fit.values
-    known_at = [f.measured.begin + 0.5 * f.measured.segment * f.segments for f in known.followers]
+    known_at = _middles(known)
 
     def timed(change: float) -> tuple[Curve, list[Follower]]:
         assert curve.period is not None
@@ -201,7 +201,7 @@ def _lasting_on(
     assert rhythm is not None
     clearance, *values, _ = found.fit.values[0]
     one = Balanced((force(curve),), np.array(values), np.inf, float(clearance), rhythm=rhythm)
-    known_at = [f.measured.begin + 0.5 * f.measured.segment * f.segments for f in found.followers]
+    known_at = _middles(found)
     try:
         with search.timed(rhythm):
             settled = settle_clocks(search, search.setting, one, lambda p: force(lasting(curve, p)), known_at)
@@ -215,6 +215,11 @@ def _lasting_on(
     rows = found.fit.values
     again = search.refit(explanation, [force(other)], own, rows, ANNEALING[3], again=True)
     return found if again is None or again.misfit > _AS_WELL * found.misfit else again
+
+
+def _middles(attempt: Attempt) -> list[float]:
+    """What each recording's clock shows in the middle of the stretch that is followed [s]."""
+    return [one.measured.begin + 0.5 * one.measured.segment * one.segments for one in attempt.followers]
 
 
 def _by(

@@ -157,8 +157,7 @@ class Balance:
 
     def cost(self, hypotheses: tuple[Hypothesis, ...], values: np.ndarray) -> float:
         """What effects of given sizes leave, as of ``fit``."""
-        left, offsets = self._left(hypotheses, values)
-        return cost_of(left - offsets @ regressed(offsets, left, self.scatter), self.scatter)
+        return self._cost(*self._left(hypotheses, values))
 
     def least(self, share: float) -> float:
         """A force on the slider [N] whose work is, as mean square, a share of the scatter's."""
@@ -308,7 +307,7 @@ class Balance:
         for _ in range(_ITERATIONS):
             left, offsets = self._left(hypotheses, trial)
             # what the drive is asked for is found anew at once
-            now = cost_of(left - offsets @ regressed(offsets, left, self.scatter), self.scatter)
+            now = self._cost(left, offsets)
             if now < cost:
                 settled = cost - now < _SETTLED * now
                 fresh = not len(steps) or _bent(left - before, -steps @ (trial - best)[free])
@@ -329,6 +328,9 @@ class Balance:
                 change[free] = regressed(columns, lacking, self.scatter)[: len(free)]
             trial = np.clip(best + share * change, low, high)
         return Balanced(hypotheses, best, cost, self.clearance)
+
+    def _cost(self, left: np.ndarray, offsets: np.ndarray) -> float:
+        return cost_of(left - offsets @ regressed(offsets, left, self.scatter), self.scatter)
 
     def _left(self, hypotheses: Sequence[Hypothesis], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Torque needed minus torque given, and what it may be off by.

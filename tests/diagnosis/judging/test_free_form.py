@@ -9,7 +9,7 @@ from clearance.diagnosis.following.attempt import Attempt
 from clearance.diagnosis.hypotheses.free_form import Curve, free_form, known_force
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.hypotheses.two_levels import two_levels
-from clearance.diagnosis.judging.verdict import free_form_of
+from clearance.diagnosis.judging.free_form import free_form_of
 from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.kinematics.shaking import Shaking
 from clearance.diagnosis.shooting.fit import Fit
@@ -96,3 +96,15 @@ def test_a_spline_is_given_so_closely_that_lines_join_its_points():
     band = np.array(found["high"]) - force
     np.testing.assert_allclose(band[::4], 1.96 * 0.1 * np.sqrt(0.75), rtol=1e-3)
     assert (band > 0.0).all()
+
+
+def test_a_torque_that_is_on_and_off_has_no_mean_over_time():
+    curve = Curve("crank", "torque", "time", 0.05 * np.arange(4), WAVE, WAVE, 0.0, 0.0, "linear", 0.2)
+    values = np.array([20.0, -8.0, 0.1, 0.4, 1 / 48])
+    pushed = known_force(two_levels(curve, values), values)
+    follower = SimpleNamespace(measured=SimpleNamespace(clock=0.02))
+    fit = SimpleNamespace(values=np.array([[3e-4, 700.0]]))
+    attempt = Attempt((pushed,), SimpleNamespace(shared=1), fit, 1.0, 1.0, [follower])
+    forces = [force for _, force in free_form_of(attempt, Setting(SliderCrank(), "C"))["table"]]
+    assert max(forces) == pytest.approx(28.0 * 0.7, abs=0.05)  # on for three tenths of the time
+    assert min(forces) == pytest.approx(-28.0 * 0.3, abs=0.05)

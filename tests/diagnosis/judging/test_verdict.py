@@ -15,13 +15,13 @@ from clearance.diagnosis.hypotheses.free_form import (
 )
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging import play, verdict, words
+from clearance.diagnosis.judging.free_form import free_form_of
 from clearance.diagnosis.judging.play import clearance_of
 from clearance.diagnosis.judging.verdict import (
     Estimate,
     basis_of,
     effects_of,
     equivalents,
-    free_form_of,
     lost,
     place_of,
     probabilities,
@@ -253,7 +253,7 @@ def test_what_fills_a_gap_is_told_as_a_resistance_along_the_contracts_direction(
     nominal.model.machine = lambda values: SliderCrank(joint_c=Joint(values[0]))
     known(monkeypatch, lambda _: [Estimate(3e-4, 3e-4, 3e-4)] * (1 + KNOTS))
     unsure = np.where(np.arange(KNOTS) < 5, 1e9, 0.1)  # the journal comes no nearer to the middle
-    monkeypatch.setattr(verdict, "deviations", lambda fit, combined: unsure)
+    monkeypatch.setattr("clearance.diagnosis.judging.free_form.deviations", lambda fit, combined: unsure)
     explanation = Explanation(nominal, [best])
     assert verdict_of(explanation) == "unknown"
     assert place_of(explanation) == ("joint_c", "normal")
