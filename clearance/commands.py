@@ -24,6 +24,7 @@ from omegaconf.errors import OmegaConfBaseException
 from clearance.configuration import CONFIGURATION, set_defaults_of_plugins, set_key, with_mechanism_file
 from clearance.errors import InputError
 from clearance.help import help_text
+from clearance.recording.bounds import whole
 from clearance.refusals import one_line, reworded, set_at
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -93,15 +94,14 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
     return decorate
 
 
-def threads(count: object) -> int | None:
+def threads(count: Any) -> int | None:
     """The number of threads that ``workers`` asks for; ``None``: all cores.
 
     Raises:
         InputError: it is no number of threads.
     """
-    if count is None or (isinstance(count, int) and not isinstance(count, bool) and count > 0):
-        return count
-    raise InputError(f"workers = {count!r} is not a number of threads, 1 or more; change workers")
+    whole(count, "workers", 1, null=True)
+    return None if count is None else int(count)
 
 
 def shard(text: object) -> tuple[int, int]:

@@ -37,6 +37,7 @@ from clearance.errors import InputError
 from clearance.mechanism.description import write_mechanism
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import describe
+from clearance.recording.bounds import whole
 from clearance.recording.channels import OTHER_CHANNELS
 from clearance.recording.correction import corrected
 from clearance.recording.declaration import write_sensors
@@ -84,10 +85,7 @@ def main(cfg: DictConfig) -> None:
         raise InputError(f"hypotheses = {hypotheses}: nothing is left to try; change hypotheses or without")
     low, high = _speeds(cfg.speed_range)
     most = cfg.most_effects
-    if most is not None and (isinstance(most, bool) or not isinstance(most, int) or not 1 <= most <= 6):
-        raise InputError(
-            f"most_effects = {most!r} is neither null nor a whole number from 1 to 6; change most_effects"
-        )
+    whole(most, "most_effects", 1, 6, null=True)
     limit, finished = _time_limit(cfg.time_limit), _finished(cfg.finished)
     simulations = _simulations(cfg.simulations)
     tolerances = _tolerances(cfg.tolerances)

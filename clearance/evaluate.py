@@ -28,6 +28,7 @@ from clearance.evaluation.results import collect, markdown, put_between_marks, w
 from clearance.models.run_folder import CONFIG, METRICS
 from clearance.models.trusted import instantiate_trusted
 from clearance.predict import load_gauge
+from clearance.recording.bounds import whole
 from clearance.whole_files import read_json, read_yaml, write_atomically, write_json
 
 log = logging.getLogger(__name__)
@@ -38,10 +39,7 @@ _SIMULATED = ("SimulatedSource", "StreamingSource")  # of whose machine the camp
 def main(cfg: DictConfig) -> None:
     """Measure on new recordings where asked, collect the rows, write tables and pictures."""
     for name in ("fresh", "perturbed"):
-        if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or cfg[name] < 0:
-            raise InputError(
-                f"{name} = {cfg[name]!r}: a number of recordings, 0 or more, is needed; set {name}"
-            )
+        whole(cfg[name], name, 0)
     if cfg.report is not None and cfg.results is not None:
         raise InputError(f"report={cfg.report} and results={cfg.results}: one at a time; leave one out")
     for name in ("readme", "picture"):

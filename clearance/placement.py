@@ -20,6 +20,7 @@ from clearance.diagnosis.judging.placement import Conditions, expected_errors, s
 from clearance.errors import InputError
 from clearance.evaluation.figures import best_of_each_size
 from clearance.provenance import describe
+from clearance.recording.bounds import whole
 from clearance.recording.channels import ACCELERATIONS
 from clearance.whole_files import write_atomically, write_json
 
@@ -47,8 +48,7 @@ def main(cfg: DictConfig) -> None:
     if not any(set_key(one) == "most" for one in asked):
         cfg.most = min(cfg.most, len(channels))
     for name, most in (("most", len(channels)), ("best", 999)):
-        if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or not 1 <= cfg[name] <= most:
-            raise InputError(f"{name} = {cfg[name]!r} is not a whole number from 1 to {most}; change {name}")
+        whole(cfg[name], name, 1, most)
     setting = Setting(instantiate(cfg.mechanism, _convert_="all"), joint)
     conditions: Conditions = instantiate(cfg.conditions, _convert_="all")
     sets = subsets(channels, cfg.most)

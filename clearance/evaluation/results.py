@@ -65,13 +65,16 @@ _TOLD = (
 def _row(run: Path) -> dict[str, Any]:
     metrics, config = read_json(run / METRICS), read_yaml(run / CONFIG) or {}
     fresh = [one["summary"] for one in read_fresh(run)]
+    epochs = config["model"].get("training", {}).get("epochs")  # a forest has none
+    source = config["data"]["source"]
     return {
         "name": config.get("name", run.name),
         # A training from before its configuration told has a folder named by it.
         "experiment": config.get("experiment", run.parent.name),
         "overrides": [one for one in config.get("overrides", ()) if set_key(one) not in _TOLD],
         "recordings": metrics["data"]["recordings"],
-        "epochs": config["model"].get("training", {}).get("epochs"),  # a forest has none
+        "streamed": source["runs"] * (epochs or 1) if "held_out" in source else None,  # none seen twice
+        "epochs": epochs,
         "window": config["windows"]["length"],
         "parameters": metrics["parameters"],
         "seed": metrics["seed"],

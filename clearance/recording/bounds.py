@@ -28,6 +28,17 @@ def bounded(value: object, key: str, low: float, high: float, unit: str = "") ->
     return number
 
 
+def whole(value: object, key: str, least: int, most: int | None = None, null: bool = False) -> None:
+    """Refuse what is no whole number in [least, most], nor null where that is allowed; 1e3 is none."""
+    if null and value is None:
+        return
+    limit = math.inf if most is None else most
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= limit:
+        allowed = f", {least} or more" if most is None else f" from {least} to {most}"
+        instead = ", or null" if null else ""
+        raise InputError(f"{key} = {value!r} is not a whole number{allowed}{instead}; change {key}")
+
+
 def resembling(name: str, known: Iterable[str]) -> str:
     """Return `"; did you mean 'x'?"` for the nearest known name, or nothing where none is near."""
     near = get_close_matches(name, list(known), n=1, cutoff=0.6)

@@ -18,6 +18,7 @@ from clearance.evaluation.paper.trainings import (
     reduction,
     trainings_of,
 )
+from clearance.recording.bounds import whole
 from clearance.study.plan import stages
 from clearance.study.running import Budget, Runner
 
@@ -29,12 +30,8 @@ _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
 def main(cfg: DictConfig) -> None:
     """Train in order of value what fits, evaluate, report; the same command goes on where it stopped."""
     budget = Budget(seconds_of(cfg.budget))
-    if isinstance(cfg.perturbed, bool) or not isinstance(cfg.perturbed, int) or cfg.perturbed < 0:
-        raise InputError(
-            f"perturbed = {cfg.perturbed!r} is not a number of recordings, 0 or more; change perturbed"
-        )
-    if isinstance(cfg.parallel, bool) or not isinstance(cfg.parallel, int) or cfg.parallel < 1:
-        raise InputError(f"parallel = {cfg.parallel!r} is not a whole number, 1 or more; change parallel")
+    whole(cfg.perturbed, "perturbed", 0)
+    whole(cfg.parallel, "parallel", 1)
     scale = str(HydraConfig.get().runtime.choices["scale"])
     order = stages([trainings_of(str(name)) for name in cfg.experiments])
     arguments = list(map(str, cfg.arguments))

@@ -15,6 +15,7 @@ from omegaconf import DictConfig, ListConfig
 from clearance.commands import command, shard
 from clearance.errors import InputError
 from clearance.evaluation.results import put_between_marks
+from clearance.recording.bounds import whole
 from clearance.trial import closed_loop, pictures
 from clearance.trial.closed_loop import close_loop
 from clearance.trial.conceal import conceal
@@ -102,10 +103,8 @@ def _check(cfg: DictConfig) -> None:
     if cfg.stage not in ("all", *STAGES):
         raise InputError(f"stage = {cfg.stage!r} is unknown; choose from all, {', '.join(STAGES)}")
     for name in ("parallel", "time_limit"):
-        if isinstance(cfg[name], bool) or not isinstance(cfg[name], int) or cfg[name] < 1:
-            raise InputError(f"{name} = {cfg[name]!r} is not a whole number, 1 or more; change {name}")
-    if cfg.seed is not None and (isinstance(cfg.seed, bool) or not isinstance(cfg.seed, int) or cfg.seed < 0):
-        raise InputError(f"seed = {cfg.seed!r} is not a whole number, 0 or more, or null; change seed")
+        whole(cfg[name], name, 1)
+    whole(cfg.seed, "seed", 0, null=True)
     if not isinstance(cfg.retry, bool):
         raise InputError(f"retry = {cfg.retry!r} is neither true nor false; change retry")
     _check_history(cfg.history, cfg.results)

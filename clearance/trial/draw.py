@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from clearance.errors import InputError
+from clearance.recording.bounds import whole
 from clearance.trial.case import KINDS, SEVERAL, Case, Session
 from clearance.trial.repertoire import EFFECTS, FAULTS, FORCES, LEFT_OUT, SENSORS, Variant
 
@@ -59,11 +60,7 @@ class Scope:
 
     def __post_init__(self) -> None:
         for name, least, most in (("cases", 1, 10_000), ("recordings", 1, 8)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-                raise InputError(
-                    f"{name} = {value!r} is not a whole number in [{least}, {most}]; change scope.{name}"
-                )
+            whole(getattr(self, name), f"scope.{name}", least, most)
         for name, allowed in (("shares", KINDS), ("sensors", tuple(SENSORS))):
             given = getattr(self, name)
             by_name = isinstance(given, Mapping)

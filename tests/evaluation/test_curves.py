@@ -12,11 +12,11 @@ from clearance.evaluation.results import markdown, with_recorded
 from tests.command_line import ROOT
 
 
-def row(experiment, recordings, nmae, window=200, name="tcn on rod, joint C", epochs=30):
+def row(experiment, recordings, nmae, window=200, name="tcn on rod, joint C", epochs=30, streamed=None):
     errors = {"nmae": nmae, "nrmse": 2 * nmae, "p95_ae": nmae * 3e-5, "recording_nmae": nmae / 4}
     return {
         "experiment": experiment, "name": name, "recordings": recordings, "epochs": epochs, "window": window,
-        "seed": 42, "split_seed": 42, "test": errors, "training_seconds": 60.0,
+        "streamed": streamed, "seed": 42, "split_seed": 42, "test": errors, "training_seconds": 60.0,
         "environment": {"processor": "P", "threads": 2, "gpu": None},
     }  # fmt: skip
 
@@ -24,7 +24,8 @@ def row(experiment, recordings, nmae, window=200, name="tcn on rod, joint C", ep
 ROWS = [
     row("best", 1000, 0.31), row("quick", 300, 0.73), row("by_runs", 100, 1.6), row("by_runs", 300, 0.7),
     row("by_window", 300, 2.0, 50), row("quick", 300, 0.81, name="lstm on rod, joint C"),
-    row("best", 1000, 0.21, epochs=100),
+    row("best", 1000, 0.21, epochs=100), row("by_streaming", 1300, 0.2, epochs=9, streamed=9000),
+    row("by_streaming", 1300, 0.9, epochs=1, streamed=1000),
 ]  # fmt: skip
 
 
@@ -35,6 +36,10 @@ def test_a_curve_takes_trainings_of_the_same_recipe_from_wherever_they_are():
     assert [(one["window"], one["test"]["nmae"]) for one in curves.by_window(ROWS)] == [
         (50, 2.0),
         (200, 0.73),
+    ]
+    assert [(one["streamed"], one["test"]["nmae"]) for one in curves.by_streaming(ROWS)] == [
+        (1000, 0.9),
+        (9000, 0.2),
     ]
 
 
@@ -48,6 +53,7 @@ def test_tables_and_picture_are_in_the_report(tmp_path):
     text = (tmp_path / "R.md").read_text()
     assert "| 100 | 1.60 % | 3.20 % | 48.0 µm | 0.400 % | 1.0 min |" in text
     assert "| 50 | 2.00 % |" in text
+    assert "| 9000 | 0.20 % |" in text
     assert "P, 2 threads" in text
     assert "](pictures/curves.png)" in text
     assert (tmp_path / "pictures/curves.png").stat().st_size > 1000

@@ -27,7 +27,7 @@ def test_evaluate_writes_the_report(tmp_path, monkeypatch, capfd):
     ("name", "wrong", "words"),
     [
         ("evaluate", ("runs=30",), "runs = 30: no finished training there"),
-        ("evaluate", ("perturbed=-1",), "perturbed = -1: a number of recordings, 0 or more, is needed"),
+        ("evaluate", ("perturbed=-1",), "perturbed = -1 is not a whole number, 0 or more; change perturbed"),
         (
             "evaluate",
             ("runs=outptus", "report=R.md"),
