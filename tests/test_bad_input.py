@@ -51,7 +51,7 @@ def recording(campaign):
         ("runs=1e1", "runs = 10.0 is not a whole number; change runs$"),
         ("runs=many", "runs = 'many' is not a number; change runs$"),
         ("seed=-1", r"seed = -1 is outside \[0, .*change seed$"),
-        ("workers=-1", "workers = -1.*1 or more; change workers"),
+        ("workers=-1", "workers = -1.*1 or more, or null; change workers"),
         ("shard=4/3", "shard = 4/3 must be k/n with 1 <= k <= n"),
         ("shard=half", "shard = 'half' must be k/n, for example"),
         ("campaign.clearance_range=[-1e-4,1e-3]", r"-0.0001 is outside \[0, 0.002\]; change campaign.cl"),

@@ -139,7 +139,7 @@ def test_a_gauge_of_another_machine_is_not_trusted(forest):
     assert evaluate_fresh(gauge, other, 30)[0].summary()["trusted"] < 0.5
 
 
-def finished(folder, name, nmae):
+def finished(folder, name, nmae, source="{runs: 20}"):
     folder.mkdir(parents=True)
     scores = {"nmae": nmae, "nrmse": 2 * nmae, "p95_ae": 1e-5, "recording_nmae": nmae / 2}
     metrics = {
@@ -149,14 +149,15 @@ def finished(folder, name, nmae):
     (folder / "metrics.json").write_text(json.dumps(metrics))
     (folder / "config.yaml").write_text(
         f"name: {name}\nwindows: {{length: 200}}\nmodel: {{training: {{epochs: 30}}}}\n"
+        f"data: {{source: {source}}}\n"
     )
 
 
 def test_the_table_is_made_from_the_runs_files(tmp_path):
     finished(tmp_path / "quick" / "a", "worse", 2.0)
-    finished(tmp_path / "quick" / "b", "better", 1.0)
+    finished(tmp_path / "quick" / "b", "better", 1.0, "{runs: 20, held_out: 5}")
     rows = collect(tmp_path)
-    assert [row["name"] for row in rows] == ["better", "worse"]
+    assert [(row["name"], row["streamed"]) for row in rows] == [("better", 600), ("worse", None)]
     table = markdown(rows)
     assert "1.00 %" in table
     assert "| 10 | 30 | 1.00 % |" in table
