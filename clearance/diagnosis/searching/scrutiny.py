@@ -10,20 +10,18 @@ from clearance.diagnosis.hypotheses.free_form import unnamed
 from clearance.diagnosis.searching.beside import beside
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import reshape
+from clearance.diagnosis.searching.misheard import kinds, misheard
 from clearance.diagnosis.searching.screening import ONSET, Hint, Screening, screen
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import SURE, margin, unsettled
 from clearance.diagnosis.searching.torn import rejoin_impacts
 from clearance.diagnosis.searching.wear import WORN
-from clearance.diagnosis.searching.widen import kinds, side_by_side
 from clearance.diagnosis.sensing.suspicion import disagreement, steady
 from clearance.diagnosis.shooting.expectation import wrapped
 
 _FITTED = 4  # hypotheses of one screening that are fitted
 _RIGHT = 0.98  # misfit of what is surely right: beside it others are not compared
 _LESS = 0.5  # of what that has taken: beside it nothing that promises less is tried
-_LOUD = 1.1  # sigma that a channel is off by, where no sensor's fault is to be looked for below
-_LEFT = 0.3  # of it: a fault that is right leaves less
 _RIVAL = 0.5  # of what lobes promise: others that promise less are not tried
 _TURNS = 0.5 * np.pi * np.arange(4)  # of lobes' phase from what a linear look says
 
@@ -47,9 +45,8 @@ def scrutinise(search: Search, explanation: Explanation) -> None:
             first = found if best is explanation.nominal else _beside_nominal(search, explanation)
             explanation.hints = first.singles
         sure = [replace(hint, values=_begun(hint)) for hint in found.singles if hint.gain > SURE]
+        sure = sorted([*sure, *misheard(search, best)], key=lambda hint: -hint.gain)
         _refit(search, explanation, best, sure)
-        if explanation.best is best:
-            _refit(search, explanation, best, _misheard(search, best))
         if explanation.best is best:
             _refit(search, explanation, best, rejoin_impacts(search, best))
         _compare_kinds(search, explanation, best)
@@ -179,31 +176,6 @@ def _turned(lobes: Hint, turn: float) -> np.ndarray:
     """Amplitude, order and phase of lobes, turned; the phase far from its bounds."""
     amplitude, order, phase = lobes.values
     return np.array([amplitude, order, wrapped(phase + turn)])
-
-
-def _misheard(search: Search, base: Attempt) -> list[Hint]:
-    """The fault that would explain the channel which contradicts ``base`` most, if it surely would.
-
-    Where impacts make the signal, one that comes two samples late leaves no slope at no delay.
-    """
-    measured = base.followers[0].measured
-    # in the units of ``kinds``, whose misfit it is compared with, and so in the same segments
-    recorded, predicted, sigma = side_by_side(base, base.followers)
-    residuals = (predicted - recorded) / sigma
-    calm = [residuals[steady(residuals, [i])][..., i].ravel() for i in range(residuals.shape[2])]
-    each = np.array([float(disagreement(one[:, None])[0]) for one in calm])
-    each[measured.filtered :] = 0.0
-    each[[measured.channels.index(h.channel) for h in base.hypotheses if h.channel]] = 0.0
-    loudest = int(np.argmax(each))
-    if each[loudest] < _LOUD:
-        return []
-    found = kinds(search, base, base.followers, measured.channels[loudest])
-    hints = [
-        Hint((hypothesis,), values, len(calm[loudest]) * float(each[loudest] ** 2 - misfit**2))
-        for hypothesis, values, misfit in found[:1]
-        if misfit - 1.0 < _LEFT * (each[loudest] - 1.0)  # others take up what a bad impact leaves
-    ]
-    return [hint for hint in hints if hint.gain > SURE]
 
 
 def _refit(

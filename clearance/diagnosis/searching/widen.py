@@ -16,15 +16,13 @@ from clearance.diagnosis.following.attempt import (
 )
 from clearance.diagnosis.following.growth import Start
 from clearance.diagnosis.following.trace import Trace
-from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.searching.beside import HALFWAY, NEARLY, beside
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.misheard import kinds, misheard
 from clearance.diagnosis.searching.screening import Hint, screen
 from clearance.diagnosis.searching.search import Search
-from clearance.diagnosis.sensing.instrument import Instrument
-from clearance.diagnosis.sensing.suspicion import steady, suspect
-from clearance.diagnosis.shooting.follow import EDGE, Follower
+from clearance.diagnosis.shooting.follow import EDGE
 from clearance.errors import InputError
 
 _FITTED = 4  # hypotheses of one screening that are fitted
@@ -34,7 +32,6 @@ _LIKELY = 0.04  # of what is missing: effects that were right promised 5 to 90 %
 _OBVIOUS = 0.55  # of it: in four trials what promised that much was right, 20 of 20, however far the path
 _PLAIN = 0.3  # of it: such effects come early
 _DEAF = 2  # channels without which a fit is tried
-_SUSPECTED = 3  # faults of a channel that are fitted
 _RIVAL = 1.2  # times the misfit of the likeliest fault: on paths that are not final others may be right
 _CLEARLY = 1.3  # times what the best single one promises: two that promise more show together
 _FAR_BETTER = 0.05  # of the nominal misfit: such an effect is right, or nearly
@@ -73,11 +70,12 @@ def look(search: Search, explanation: Explanation, base: Attempt) -> Prospects:
     search.report(f"looking at all hypotheses beside {base.label}")
     found = screen(base, search.others(base), search.workers)
     explanation.hints = explanation.hints or found.singles
+    singles = sorted([*found.singles, *misheard(search, base)], key=lambda hint: -hint.gain)
     missing = max(base.misfit - 1.0, _LITTLE) * sum(p.samples for p in base.fit.passes)
-    for hint in found.singles[:5]:
+    for hint in singles[:5]:
         search.report(f"  {hint.label}: promises {hint.gain / missing:.1%} of what is missing")
-    best = found.singles[0].gain if found.singles else 0.0
-    hopeful = [_pushed(hint, explanation) for hint in found.singles if hint.gain > _HOPEFUL * best]
+    best = singles[0].gain if singles else 0.0
+    hopeful = [_pushed(hint, explanation) for hint in singles if hint.gain > _HOPEFUL * best]
     obvious = [hint for hint in hopeful[:1] if hint.gain > _OBVIOUS * missing]
     plain = [hint for hint in hopeful[len(obvious) :] if hint.gain > _PLAIN * missing]
     promising = sum(hint.gain > _LIKELY * missing for hint in hopeful)
@@ -153,58 +151,6 @@ def deafen(search: Search, explanation: Explanation, base: Attempt, channel: str
         best = min(best, misfit)
         held, values = beside(found, [hypothesis], added)
         search.refit(explanation, held, hearing, values, ANNEALING[2])
-
-
-def side_by_side(base: Attempt, hearing: Sequence[Follower]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What was recorded, what an attempt predicts by the recorder's clock, and the noise.
-
-    Args:
-        base: the attempt.
-        hearing: followers on its paths, with what was recorded.
-
-    Returns:
-        Twice (segments of all recordings, samples, channels), and (channels,) mean standard deviations.
-    """
-    recorded = np.concatenate([one.measured.values for one in hearing])
-    clocks = [Instrument(timebase=base.model.instrument(row).timebase) for row in base.fit.values]
-    each = zip(hearing, base.fit.passes, clocks, strict=True)
-    predicted = np.concatenate([own.measured.seen(one.predicted, clock) for own, one, clock in each])
-    return recorded, predicted, np.mean([one.measured.sigma for one in hearing], axis=0)
-
-
-def kinds(
-    search: Search, base: Attempt, hearing: Sequence[Follower], channel: str
-) -> list[tuple[Hypothesis, np.ndarray, float]]:
-    """Faults that would turn a channel's signal on the paths of ``base`` into the recorded one, best first.
-
-    None that is larger or smaller than any sensor's: a signal of nothing but noise is clipped by no limit.
-
-    Args:
-        search: with its hypotheses.
-        base: that trusts the channel to be faultless.
-        hearing: followers on its paths, with what was recorded.
-        channel: the suspected one.
-
-    Returns:
-        Each fault, its (unknowns,) values and what remains [sigma].
-    """
-    measured = hearing[0].measured
-    recorded, predicted, sigma = side_by_side(base, hearing)
-    shape = (-1, len(measured.channels))
-    calm = steady((predicted - recorded) / sigma, [measured.channels.index(channel)])
-    suspicions = suspect(  # a limit may be reached at the highest of several speeds alone
-        recorded.reshape(shape), predicted.reshape(shape), list(measured.channels), measured.chain.rate,
-        sigma, channel, np.repeat(calm, recorded.shape[1]),
-    )  # fmt: skip
-    known = {(g[0].name, g[0].channel): g[0] for g in search.groups.values()}
-    found = []
-    for suspicion in suspicions[:_SUSPECTED]:
-        hypothesis = known.get((suspicion.effect, channel))
-        if hypothesis is not None:
-            values = np.array([suspicion.parameters[u.name] for u in hypothesis.unknowns])
-            if all(u.low <= value <= u.high for u, value in zip(hypothesis.unknowns, values, strict=True)):
-                found.append((hypothesis, values, suspicion.misfit))
-    return found
 
 
 def _deaf(search: Search, explanation: Explanation, base: Attempt, channel: str) -> Attempt | None:
