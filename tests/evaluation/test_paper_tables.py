@@ -48,6 +48,11 @@ def test_every_setting_of_a_table_has_the_papers_numbers():
             assert {"nmae", "nrmse"} <= set(numbers[setting.model]), row_name(experiment, setting)
 
 
+def test_rows_of_the_decimation_factor_say_which_samples_are_kept():
+    names = [row_name("decimation", LSTM._replace(decimation=factor)) for factor in (1, 5)]
+    assert names == ["every sample", "every 5th sample"]
+
+
 @pytest.fixture(scope="module")
 def reduced(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reduced")

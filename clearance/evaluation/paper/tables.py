@@ -67,7 +67,9 @@ def row_name(experiment: str, setting: Setting) -> str:
     name = NAMES.get(setting.model, setting.model)
     if experiment in ("table9", "placement"):
         return f"{_SETS.get(setting.sensors) or f'4: {setting.sensors}'}, {name}"
-    return f"every {setting.decimation}th sample" if experiment == "decimation" else name
+    if experiment == "decimation":
+        return "every sample" if setting.decimation == 1 else f"every {setting.decimation}th sample"
+    return name
 
 
 def _paper_row(experiment: str, setting: Setting) -> Rows:
