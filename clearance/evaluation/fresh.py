@@ -9,7 +9,6 @@ from scipy import stats
 
 from clearance.errors import InputError
 from clearance.models.gauge import Gauge
-from clearance.recording.channels import ACCELERATIONS
 from clearance.recording.dataset import LABELS
 from clearance.recording.synthesis import Campaign
 from clearance.whole_files import read_json
@@ -71,15 +70,14 @@ def evaluate_fresh(gauge: Gauge, campaign: Campaign, recordings: int) -> list[Fr
     Raises:
         InputError: every run became non-finite.
     """
-    columns = [ACCELERATIONS.index(name) for name in gauge.channels]
-    signals, labels = replace(campaign, seed=campaign.seed + _OTHER_SEED).fresh(recordings, epoch=0)
+    signals, labels = replace(campaign, seed=campaign.seed + _OTHER_SEED).fresh(recordings, 0, gauge.channels)
     if not signals:
         raise InputError(
             f"fresh={recordings}: every fresh run became non-finite; set fresh=0, or train with another "
             "integrator.step or machine"
         )
     chain = asdict(campaign.chain)
-    found = [gauge.estimate(one[:, columns].astype(float), campaign.chain.rate, chain) for one in signals]
+    found = [gauge.estimate(one.astype(float), campaign.chain.rate, chain) for one in signals]
     return [
         FreshEvaluation(
             joint,

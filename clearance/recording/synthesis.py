@@ -369,19 +369,26 @@ class Campaign:
         self._simulate(missing, store, workers)
         return [path for path in paths.values() if path.exists()]
 
-    def fresh(self, runs: int, epoch: int) -> tuple[list[np.ndarray], np.ndarray]:
+    def fresh(self, runs: int, epoch: int, channels: Sequence[str]) -> tuple[list[np.ndarray], np.ndarray]:
         """Runs that no data set holds: epoch ``e`` continues after ``runs`` times ``e`` others.
 
+        Args:
+            runs: of an epoch.
+            epoch: its number; negative ones are of no training.
+            channels: accelerations that are kept.
+
         Returns:
-            A list of (samples, 10) float32 signals and their (runs, 3) labels; failed runs are left out.
+            A list of (samples, channels) float32 signals and their (runs, 3) labels; failed runs are left
+            out.
         """
+        columns = [ACCELERATIONS.index(name) for name in channels]
         offset = 1_000_000_000 + epoch * runs  # beyond every data set's runs
         wanted = range(offset, offset + runs)
         kept: dict[int, np.ndarray] = {}
 
         def keep(index: int, outcome: np.ndarray | Failure) -> None:
             if not isinstance(outcome, Failure):
-                kept[index] = self.observe(wanted[index], outcome).astype(np.float32)
+                kept[index] = self.observe(wanted[index], outcome)[:, columns].astype(np.float32)
 
         self._simulate(wanted, keep, None)
         order = sorted(kept)

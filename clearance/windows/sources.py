@@ -172,11 +172,15 @@ class StreamingSource:
 
     def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Simulate the first epoch and the held-out runs."""
-        self._columns = _columns(channels, ACCELERATIONS, "simulation")
+        _require(channels, ACCELERATIONS, "simulation")
+        self._channels = tuple(channels)
         self._labels, self._epoch = [LABELS.index(target) for target in targets], 0
         samples = self.simulation.sampling.samples
         check_memory((self.runs + 2 * self.held_out) * samples * len(channels) * 4, limit)
-        parts = [self._fresh(*part) for part in ((self.runs, 0), (self.held_out, -1), (self.held_out, -2))]
+        parts = [
+            self.simulation.fresh(*part, self._channels)
+            for part in ((self.runs, 0), (self.held_out, -1), (self.held_out, -2))
+        ]
         self._sizes = [len(signals) for signals, _ in parts]
         if 0 in self._sizes:
             raise InputError(
@@ -210,7 +214,7 @@ class StreamingSource:
         """
         if epoch == self._epoch:
             return ()
-        signals, labels = self._fresh(self.runs, epoch)
+        signals, labels = self.simulation.fresh(self.runs, epoch, self._channels)
         if not signals:
             raise InputError(
                 f"data=streaming: all of {self.runs} runs of epoch {epoch + 1} became non-finite; set "
@@ -225,10 +229,6 @@ class StreamingSource:
         self._epoch = epoch
         return replaced
 
-    def _fresh(self, runs: int, epoch: int) -> tuple[list[np.ndarray], np.ndarray]:
-        signals, labels = self.simulation.fresh(runs, epoch)
-        return [signal[:, self._columns] for signal in signals], labels
-
 
 def read_dataset(
     dataset: Dataset,
@@ -239,7 +239,7 @@ def read_dataset(
     runs: int | None = None,
 ) -> LabelledRecordings:
     """Read a stored data set into one array, run by run."""
-    _columns(channels, dataset.channels, "data set")
+    _require(channels, dataset.channels, "data set")
     available = dataset.available()
     if runs is not None:
         available = available[available < runs]
@@ -277,8 +277,7 @@ def check_memory(size: int, limit: int) -> None:
         )
 
 
-def _columns(channels: Sequence[str], present: Sequence[str], where: str) -> list[int]:
+def _require(channels: Sequence[str], present: Sequence[str], where: str) -> None:
     missing = [name for name in channels if name not in present]
     if missing:
         raise InputError(f"channels {missing} are not in the {where}, which has {list(present)}; set sensors")
-    return [list(present).index(name) for name in channels]

@@ -70,9 +70,9 @@ def test_of_what_was_asked_a_run_that_fails_is_not_asked_again(forest, tmp_path,
     gauge, campaign = forest
     asked, plain = [], Campaign.fresh
 
-    def fresh(self, runs, epoch):
+    def fresh(self, runs, epoch, channels):
         asked.append(runs)
-        return plain(self, runs - 1, epoch)
+        return plain(self, runs - 1, epoch, channels)
 
     monkeypatch.setattr(Campaign, "fresh", fresh)
     monkeypatch.setattr("clearance.evaluate.load_gauge", lambda run: gauge)
@@ -89,7 +89,7 @@ def test_of_what_was_asked_a_run_that_fails_is_not_asked_again(forest, tmp_path,
 
 def test_fresh_runs_that_all_fail_are_one_line(forest, tmp_path, monkeypatch):
     gauge, campaign = forest
-    monkeypatch.setattr(Campaign, "fresh", lambda self, runs, epoch: ([], np.empty((0, 3))))
+    monkeypatch.setattr(Campaign, "fresh", lambda *_: ([], np.empty((0, 3))))
     monkeypatch.setattr("clearance.evaluate.load_gauge", lambda run: gauge)
     monkeypatch.setattr("clearance.evaluate.instantiate_trusted", lambda config, where: campaign)
     (tmp_path / "model.npz").touch()
@@ -110,7 +110,7 @@ def test_fresh_recordings_begin_where_those_of_the_training_did(
     gauge, campaign = forest
     begun = []
 
-    def fresh(self, runs, epoch):
+    def fresh(self, runs, epoch, channels):
         begun.append(self.record_start)
         return [], np.empty((0, 3))
 

@@ -16,6 +16,7 @@ from clearance.mechanism.bearing import Worn
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.chain import MeasurementChain
+from clearance.recording.channels import ACCELERATIONS
 from clearance.recording.dataset import Dataset
 from clearance.recording.sensors import SensorChain
 from clearance.recording.synthesis import Campaign, ClearanceLocation
@@ -207,11 +208,11 @@ def test_a_failed_run_is_recorded_and_not_tried_again(tmp_path):
 
 
 def test_fresh_runs_are_new_at_each_epoch_and_belong_to_no_data_set(whole):
-    signals, labels = SMALL.fresh(3, epoch=0)
-    again, _ = SMALL.fresh(3, epoch=0)
-    later, later_labels = SMALL.fresh(3, epoch=1)
+    signals, labels = SMALL.fresh(3, 0, ACCELERATIONS)
+    again, _ = SMALL.fresh(3, 0, ACCELERATIONS[::-2])
+    later, later_labels = SMALL.fresh(3, 1, ACCELERATIONS)
     assert signals[0].shape == (500, 10)
-    np.testing.assert_array_equal(signals[1], again[1])
+    np.testing.assert_array_equal(signals[1][:, ::-2], again[1])
     everything = np.concatenate([whole.labels["clearance_c"], labels[:, 1], later_labels[:, 1]])
     assert len(np.unique(everything)) == len(everything)
     assert not np.array_equal(signals[0], later[0])

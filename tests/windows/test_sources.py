@@ -151,8 +151,8 @@ def test_streamed_training_runs_change_every_epoch_and_others_do_not(campaign):
 def test_what_an_epoch_streams_does_not_depend_on_the_epochs_before(monkeypatch):
     whole = Campaign.fresh
 
-    def one_fails(self, runs, epoch):
-        signals, labels = whole(self, runs, epoch)
+    def one_fails(self, runs, epoch, channels):
+        signals, labels = whole(self, runs, epoch, channels)
         return (signals[1:], labels[1:]) if epoch == 2 else (signals, labels)
 
     monkeypatch.setattr(Campaign, "fresh", one_fails)
@@ -167,7 +167,7 @@ def test_what_an_epoch_streams_does_not_depend_on_the_epochs_before(monkeypatch)
 
 def test_streamed_runs_that_all_fail_in_a_later_epoch_are_one_line(monkeypatch):
     data = loaded("data=streaming", "runs=3", "data.source.held_out=1")
-    monkeypatch.setattr(Campaign, "fresh", lambda self, runs, epoch: ([], np.empty((0, 3))))
+    monkeypatch.setattr(Campaign, "fresh", lambda *_: ([], np.empty((0, 3))))
     with pytest.raises(InputError, match=r"all of 3 runs of epoch 2 became non-finite"):
         data.training_windows(1)
 
@@ -181,7 +181,7 @@ def test_samples_before_the_start_time_are_left_out(stored):
 
 
 def test_streamed_runs_that_all_fail_are_one_line(monkeypatch):
-    monkeypatch.setattr(Campaign, "fresh", lambda self, runs, epoch: ([], np.empty((0, 3))))
+    monkeypatch.setattr(Campaign, "fresh", lambda *_: ([], np.empty((0, 3))))
     with pytest.raises(InputError, match=r"data=streaming: all of 6 runs .* became non-finite"):
         loaded("data=streaming")
 
