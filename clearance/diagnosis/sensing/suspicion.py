@@ -30,6 +30,7 @@ _LATEST = 1e-3  # s scanned on both sides of no delay
 _LOWEST = 300.0  # Hz, first resonance scanned
 _DAMPING = (0.02, 0.05, 0.12, 0.3, 0.7)  # ratios scanned
 _SCANNED = 60  # resonances, and limits
+_AT_ONCE = 2_000_000  # samples of candidates that are held in memory: some 150 MiB
 
 
 @dataclass(frozen=True)
@@ -215,7 +216,8 @@ def _fit(
     def misfit(values: FloatArray) -> FloatArray:
         return disagreement((kind.seen(values) - recorded[:, None])[kept] / scale)
 
-    start = kind.scan[int(np.argmin(misfit(kind.scan)))]
+    parts = np.array_split(kind.scan, -(-len(kind.scan) * len(recorded) // _AT_ONCE))
+    start = kind.scan[int(np.argmin(np.concatenate([misfit(part) for part in parts if len(part)])))]
     low, high = np.array(kind.low), np.array(kind.high)
     fit = least_squares(
         lambda values: (kind.seen(values[None])[:, 0] - recorded)[kept] / scale,

@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import cheby1, sosfiltfilt
 
 from clearance.diagnosis.hypotheses.effect_files import load_effects
+from clearance.diagnosis.sensing import suspicion
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.suspicion import suspect
 from clearance.errors import InputError
@@ -181,3 +182,18 @@ def test_kinds_and_parameters_are_those_of_the_effects(true):
     assert "sensor_misalignment" not in [s.effect for s in alone]
     with pytest.raises(InputError, match="'crank_speed' is not recorded"):
         suspect(true, true, NAMES, RATE, np.ones(3), "crank_speed")
+
+
+def test_a_long_recording_is_scanned_in_parts_with_the_same_result(true, monkeypatch):
+    measured = Instrument(resonance={AXIAL: 1200.0}).apply(true, NAMES, RATE)
+    whole, sizes = suspect(measured, true, NAMES, RATE, np.ones(3), AXIAL), []
+
+    def disagreement(residuals):
+        sizes.append(residuals.size)
+        return plain(residuals)
+
+    plain = suspicion.disagreement
+    monkeypatch.setattr(suspicion, "disagreement", disagreement)
+    monkeypatch.setattr(suspicion, "_AT_ONCE", 5 * len(true))
+    assert suspect(measured, true, NAMES, RATE, np.ones(3), AXIAL) == whole
+    assert max(sizes) == 5 * len(true)
