@@ -21,6 +21,7 @@ from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
 from clearance.diagnosis.searching.rattling import follow_rattling
 from clearance.diagnosis.searching.search import PATIENCE, Search
+from clearance.diagnosis.searching.significance import SURE
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.diagnosis.shooting.fit import Fit
 from clearance.diagnosis.shooting.follow import alike
@@ -29,7 +30,6 @@ from clearance.errors import InputError
 from clearance.mechanism.applied_force import NoForce, TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
 
-SURELY = 20.0  # fall of the cost that is no chance, though the quieter nine tenths do not show it
 _HARMED = 0.99  # of the held-out error with it: what leaves less without was harmed by it
 
 
@@ -113,7 +113,7 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
                 errors = innovations(alone, joint, after)
                 whole = min(alone.shares, default=1.0) == 1.0
                 most = root_mean_square(errors_after) * (1.0 if explained(one) else _HARMED)
-                as_well = root_mean_square(errors) <= most and not likelier(after, alone) > SURELY
+                as_well = root_mean_square(errors) <= most and not likelier(after, alone) > SURE
                 if explained(alone) and whole and as_well:
                     enough = one
                     break

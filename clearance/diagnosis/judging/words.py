@@ -9,7 +9,6 @@ from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import DAMPING, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.judging.free_form import argument_of
-from clearance.diagnosis.judging.held_out import SURELY
 from clearance.diagnosis.judging.play import NEAREST, clearance_of
 from clearance.diagnosis.judging.verdict import (
     MOTION,
@@ -25,7 +24,7 @@ from clearance.diagnosis.judging.verdict import (
 from clearance.diagnosis.searching.beside import HALFWAY
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import CLOCK, FRAME
-from clearance.diagnosis.searching.significance import null_scores, suspicious
+from clearance.diagnosis.searching.significance import SURE, null_scores, suspicious
 from clearance.mechanism.applied_force import TabulatedForce
 
 _PUSHES = {"torque": "torque", "moment": "moment"}
@@ -212,7 +211,7 @@ def _gain(explanation: Explanation, held: dict[str, Any]) -> str:
     them = {0: "it", 1: "it", 2: "both"}.get(len(best.hypotheses), "all of them")
     if not held["after"] < HELPS * held["before"]:
         gain = held.get("log_likelihood_gain", 0.0)
-        if gain > 0.5 * SURELY and held["after"] < held["before"] / HELPS:
+        if gain > 0.5 * SURE and held["after"] < held["before"] / HELPS:
             return (
                 f"Held-out errors of quiet segments stay as they are ({after}, floor 1.00); impacts "
                 f"included, those recordings are likelier with {them} (log-likelihood +{gain:.0f})"
