@@ -205,7 +205,7 @@ def name_curve(search: Search, explanation: Explanation) -> None:
     nominal = fit(own, model, values, 0, 1.0, search.workers, scale=ANNEALING[2])
     base = Attempt((), model, nominal, ANNEALING[2], nominal.level, own)
     prospects = look(search, explanation, base)
-    for hint in prospects.promising[:_NAMED]:
+    for hint in [*prospects.promising, *prospects.unlikely][:_NAMED]:
         if search.late():
             return
         held, begun = beside(base, hint.hypotheses, hint.values)

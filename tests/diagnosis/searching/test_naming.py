@@ -11,6 +11,8 @@ from clearance.diagnosis.hypotheses.free_form import FREE_FORM
 from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import name_curve
+from clearance.diagnosis.searching.screening import Hint
+from clearance.diagnosis.searching.widen import Prospects
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.judging.test_verdict import attempt
@@ -85,3 +87,21 @@ def test_beside_a_name_too_a_table_gives_way_to_another_name(monkeypatch, most, 
     name_curve(search, Explanation(attempt([], 40.0), [best]))
     assert asked == tried
     assert told == [replace(nominal, force=law)]
+
+
+def test_names_that_promise_little_are_tried_on_the_paths_of_a_table(monkeypatch):
+    """Of a machine that lacks a force nothing promises much there: friction of 0.22 promised 0.9 %."""
+    table = attempt([FREE_FORM], 2.9)
+    table.hypotheses[0].body, table.hypotheses[0].direction = "joint_c", "normal"
+    table.fit.values, table.followers = np.zeros((2, 3)), []
+    hints = [Hint(tuple(attempt([name], 1.0).hypotheses), np.ones(1), 0.1) for name in "abcd"]
+    module, asked = "clearance.diagnosis.searching.free_search.", []
+    monkeypatch.setattr(module + "fit", lambda *_, **__: SimpleNamespace(level=40.0))
+    monkeypatch.setattr(module + "look", lambda *_: Prospects([], [], hints[:1], hints[1:], []))
+    monkeypatch.setattr(module + "beside", lambda base, held, values: (held, values))
+    search = SimpleNamespace(
+        late=lambda: False, setting=SimpleNamespace(model=lambda: None), workers=1,
+        refit=lambda explanation, held, *_: asked.append(held[0].name),
+    )  # fmt: skip
+    name_curve(search, Explanation(attempt([], 400.0), [table]))
+    assert asked == ["a", "b", "c"]
