@@ -38,6 +38,7 @@ from clearance.diagnosis.searching.geometry import (
     suggest_channels,
     suggest_dimensions,
 )
+from clearance.diagnosis.searching.nominal import find_nominal
 from clearance.diagnosis.searching.parts import PART, enough, in_part, named, set_aside, unfinished
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.screening import Hint
@@ -284,6 +285,11 @@ class Course:
         if self.explanation.best is not self.nominal:
             begin_again(self.search, self.explanation)
 
+    def lost(self) -> None:
+        """The nominal machine once more, with patience, where nothing is followed nearly."""
+        if self.explanation.best.misfit > FAR and self.explanation.shown is None:
+            find_nominal(self.search, self.explanation)
+
     def build_on(self, part: float = PART) -> None:
         """Beside what explains a good part, the next one, and so on."""
         with set_aside(self.explanation, self.search.most):
@@ -382,7 +388,7 @@ STEPS: tuple[Callable[[Course], None], ...] = (
     Course.reshaped, Course.plausible, Course.build_on, Course.unlikely, Course.build_on, Course.curve,
     Course.elsewhere, Course.build_on, Course.share, Course.unlikely_faults, Course.build_on,
     Course.pair, Course.build_on, Course.displaced_paths, Course.build_on, Course.other_curve,
-    Course.again, Course.build_on,
+    Course.again, Course.build_on, Course.lost,
 )  # fmt: skip
 """What is likely and cheap first, what is rare and dear last; what explains a part is built on at once."""
 

@@ -6,10 +6,11 @@ where it moves it, the paths of all recordings are sought anew. Then all are fol
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import ANNEALING, FOLLOWED, refine
+from clearance.diagnosis.following.attempt import ANNEALING, FOLLOWED, explained, refine
 from clearance.diagnosis.following.growth import Followed, Start, grow, surest_of
 from clearance.diagnosis.hypotheses.clipping import clipped_sensors
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.screening import screen
 from clearance.diagnosis.searching.search import PATIENCE, Search
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.diagnosis.shooting.follow import Follower
@@ -18,6 +19,7 @@ from clearance.errors import InputError
 
 _GLANCES, _GLANCE = 3, 40  # glances at the clearance, and segments of each
 _FACTORS = (1.0, 0.95, 1.05)  # on it, tried one after another
+_PATIENTLY = (1.0, 0.975, 1.025, 0.95, 1.05, 0.925, 1.075, 0.9, 1.1, 0.875, 1.125)  # likewise, at last
 _SURER = 0.7  # of the doubt about accelerometers before: less asks for new paths
 _SAME, _UNSURE = 0.02, 10.0  # change that asks for new paths; misfit from which on looks tell little
 
@@ -41,6 +43,43 @@ def refit_nominal(search: Search) -> Explanation:
     search.clearance, search.traces, search.starts = before
     search.hear(recordings)
     return explanation
+
+
+def find_nominal(search: Search, explanation: Explanation) -> None:
+    """Look for the nominal machine with patience, near the motion's clearance and further from it.
+
+    By few sensors the motion may show another clearance than there is, and a path that strikes hard is lost
+    at once with the right one, too. One that is followed then counts if it explains all recordings. Not
+    where accelerometers are to be calibrated: these lead the motion astray by themselves (``refit_nominal``).
+
+    Args:
+        search: after its nominal stage.
+        explanation: whose nominal machine is replaced by one that explains.
+    """
+    if search.recordings[0].raw is not None:
+        return
+    surest, model = surest_of(search.starts), search.setting.model()
+    search.report("the nominal machine is looked for with patience")
+    for factor in _PATIENTLY:
+        if search.late():
+            return
+        row = np.array([factor * search.clearance, search.traces[surest].speed])
+        try:
+            found = grow(search.sought(surest, model, row, PATIENCE), model, row, most=_GLANCE)
+            if found is None or not found[2] < FOLLOWED:
+                continue
+            clearance = float(found[1][0])
+            values = np.array([[clearance, trace.speed] for trace in search.traces])
+            starts = [search.sought(r, model, row, PATIENCE) for r, row in enumerate(values)]
+            attempt = search.grown((), values, starts)
+        except (InputError, np.linalg.LinAlgError):  # no motion is near with such a clearance
+            continue
+        if attempt is not None and explained(attempt):
+            search.retrace_all(clearance)
+            search.starts, explanation.nominal = starts, attempt
+            explanation.hints = screen(attempt, search.others(attempt), search.workers).singles
+            search.report(f"nominal: misfit {attempt.misfit:.3g}, clearance {clearance * 1e3:.4f} mm")
+            return
 
 
 def _refitted(search: Search) -> Explanation:

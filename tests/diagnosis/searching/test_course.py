@@ -18,8 +18,8 @@ from tests.diagnosis.judging.test_verdict import attempt
 
 @pytest.fixture(autouse=True)
 def still(monkeypatch):
-    """A frame that nothing shakes, one clearance, no rails, no force that the balance names beside a part."""
-    for name in ("begin_frame", "begin_beside", "begin_displaced_paths", "begin_guide"):
+    """Nothing shakes the frame, one clearance, no rails, no force that the balance names, nothing lost."""
+    for name in ("begin_frame", "begin_beside", "begin_displaced_paths", "begin_guide", "find_nominal"):
         monkeypatch.setattr(f"clearance.diagnosis.searching.course.{name}", lambda *_, **__: None)
 
 
