@@ -6,7 +6,7 @@ where it moves it, the paths of all recordings are sought anew. Then all are fol
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import ANNEALING, FOLLOWED, explained, refine
+from clearance.diagnosis.following.attempt import ANNEALING, FOLLOWED, Attempt, explained, refine
 from clearance.diagnosis.following.growth import Followed, Start, grow, surest_of
 from clearance.diagnosis.hypotheses.clipping import clipped_sensors
 from clearance.diagnosis.searching.explanation import Explanation
@@ -58,28 +58,40 @@ def find_nominal(search: Search, explanation: Explanation) -> None:
     """
     if search.recordings[0].raw is not None:
         return
-    surest, model = surest_of(search.starts), search.setting.model()
+    model = search.setting.model()
     search.report("the nominal machine is looked for with patience")
+    found = search.finished.attempt((), model, lambda: _patiently(search, model), search.workers)
+    if found is None:
+        return
+    clearance = float(found.fit.values[0, 0])
+    search.retrace_all(clearance)
+    search.starts = search.finished.starts(
+        search.traces, lambda: search.begin(search.traces, model, found.fit.values, PATIENCE)
+    )
+    explanation.nominal = found
+    explanation.hints = screen(found, search.others(found), search.workers).singles
+    search.report(f"nominal: misfit {found.misfit:.3g}, clearance {clearance * 1e3:.4f} mm")
+
+
+def _patiently(search: Search, model: Model) -> Attempt | None:
+    """A nominal machine that explains all recordings, at the first clearance where one is followed so."""
+    surest = surest_of(search.starts)
     for factor in _PATIENTLY:
         if search.late():
-            return
+            return None
         row = np.array([factor * search.clearance, search.traces[surest].speed])
         try:
             found = grow(search.sought(surest, model, row, PATIENCE), model, row, most=_GLANCE)
             if found is None or not found[2] < FOLLOWED:
                 continue
-            clearance = float(found[1][0])
-            values = np.array([[clearance, trace.speed] for trace in search.traces])
+            values = np.array([[found[1][0], trace.speed] for trace in search.traces])
             starts = [search.sought(r, model, row, PATIENCE) for r, row in enumerate(values)]
             attempt = search.grown((), values, starts)
         except (InputError, np.linalg.LinAlgError):  # no motion is near with such a clearance
             continue
         if attempt is not None and explained(attempt):
-            search.retrace_all(clearance)
-            search.starts, explanation.nominal = starts, attempt
-            explanation.hints = screen(attempt, search.others(attempt), search.workers).singles
-            search.report(f"nominal: misfit {attempt.misfit:.3g}, clearance {clearance * 1e3:.4f} mm")
-            return
+            return attempt
+    return None
 
 
 def _refitted(search: Search) -> Explanation:

@@ -54,7 +54,8 @@ def test_a_lost_nominal_machine_counts_where_it_explains_all_at_another_clearanc
         sought.append(row[0] / 8e-4)
         return (None, row, 0.9) if row[0] < 0.96 * 8e-4 else (None, row, 50.0)
 
-    found = SimpleNamespace(misfit=level, level=level, scale=1.0)
+    fit = SimpleNamespace(values=np.array([[0.95 * 8e-4, 70.0]]))
+    found = SimpleNamespace(misfit=level, level=level, scale=1.0, fit=fit)
     monkeypatch.setattr(nominal, "grow", grow)
     monkeypatch.setattr(nominal, "screen", lambda *_: SimpleNamespace(singles=["a hint"]))
     moved = []
@@ -63,7 +64,7 @@ def test_a_lost_nominal_machine_counts_where_it_explains_all_at_another_clearanc
         clearance=8e-4, workers=1,
         setting=SimpleNamespace(model=lambda: None), sought=lambda *_: here, late=lambda: False,
         grown=lambda hypotheses, values, starts: found, retrace_all=moved.append, others=lambda _: [],
-        report=lambda _: None,
+        report=lambda _: None, finished=Finished(None, [], print), begin=lambda *_: ["begun anew"],
     )  # fmt: skip
     explanation = Explanation(SimpleNamespace(misfit=600.0))
     nominal.find_nominal(search, explanation)
@@ -71,3 +72,4 @@ def test_a_lost_nominal_machine_counts_where_it_explains_all_at_another_clearanc
     assert (explanation.nominal is found) == (level < 1.35)
     assert explanation.hints == (["a hint"] if level < 1.35 else [])
     assert moved == pytest.approx([0.95 * 8e-4] if level < 1.35 else [])
+    assert search.starts == (["begun anew"] if level < 1.35 else [here])
