@@ -27,7 +27,8 @@ ISLAND = 6  # segments that must all be followed well where the path is sure
 _EDGES = EDGE + 1  # segments at the ends that cannot be judged
 _CANDIDATES, _PROBED = 4, 14  # islands that are tried, and steps from each
 _LOST = 5.0  # doubt from which on steps without unknown forces have not come to follow
-BEFORE, _AFTER = 2, 3  # segments around them that are followed first
+BEFORE, AFTER = 2, 3
+"""Segments around them that are followed first."""
 _FIRST_FIT = 8  # steps before the parameters are fitted; then whenever their number has doubled
 _SETTLING = 48  # steps from which on each recording's own unknowns are fitted as well
 _JUDGED = 32  # steps before a model may be given up
@@ -130,7 +131,7 @@ def grow(
     rows = values[None].copy()
     found, steps, due = None, 0, _FIRST_FIT
     hopes = _PATIENT if patient else _HOPES if start.doubt < FOLLOWED else 0
-    segment = start.island + ISLAND + _AFTER - AHEAD
+    segment = start.island + ISLAND + AFTER - AHEAD
     while segment < end:
         hopeful = hopes > 0 and time.monotonic() < until
         hopes -= not advance(follower, held, segment, end, TORN if hopeful else np.inf, first)
@@ -178,7 +179,7 @@ def landed(follower: Follower, model: Model, island: int) -> Follower:
     for scale in (ANNEALING[2], ANNEALING[3], ANNEALING[4]):
         settle(
             [own], model, _NOTHING, 6, 3e-2, 1, tries=3, first=island - BEFORE,
-            last=island + ISLAND + _AFTER, scale=scale,
+            last=island + ISLAND + AFTER, scale=scale,
         )  # fmt: skip
     return own
 
@@ -189,7 +190,7 @@ def _locked(trace: Trace, follower: Follower, model: Model, island: int, patienc
     It does so within some steps even from a wrong one, or is looked for.
     """
     own = landed(follower, model, island)
-    first = island + ISLAND + _AFTER - AHEAD
+    first = island + ISLAND + AFTER - AHEAD
     for segment in range(first, min(first + _PROBED, own.segments - AHEAD)):
         patience -= not advance(
             own, model, segment, own.segments, TORN if patience > 0 else np.inf, island - BEFORE

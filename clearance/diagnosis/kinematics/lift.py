@@ -38,6 +38,37 @@ _ASTRAY = 0.2  # share of samples in contact on the wrong side: no rail holds th
 
 
 @dataclass(frozen=True)
+class Across:
+    """What sensors tell of a slider's motion across its guide, on the slider itself or on what carries it.
+
+    Attributes:
+        acceleration: (samples,) where the sensor is [m/s^2].
+        push: (samples,) force of the guide on the slider [N].
+        doubt: standard deviation of the acceleration's noise [m/s^2].
+        aside: (3, samples) how far above the slider that place is [m], its rate and its acceleration.
+        told: (samples,) whether that is known; where it is not, nothing but the joint's gap is between them.
+    """
+
+    acceleration: np.ndarray
+    push: np.ndarray
+    doubt: float
+    aside: np.ndarray
+    told: np.ndarray
+
+    @staticmethod
+    def own(acceleration: np.ndarray, push: np.ndarray, doubt: float) -> "Across":
+        """Of a sensor that moves as the slider does."""
+        count = len(acceleration)
+        return Across(acceleration, push, doubt, np.zeros((3, count)), np.ones(count, dtype=bool))
+
+    @property
+    def slider(self) -> np.ndarray:
+        """(samples,) acceleration of the slider [m/s^2]."""
+        moved: np.ndarray = self.acceleration - self.aside[2]
+        return moved
+
+
+@dataclass(frozen=True)
 class Lift:
     """The slider's motion across its guide.
 
@@ -56,27 +87,24 @@ class Lift:
     astray: float
 
 
-def lift(
-    acceleration: np.ndarray, push: np.ndarray, gap: float, stiffness: float, sigma: float, period: float
-) -> Lift:
+def lift(across: Across, gap: float, stiffness: float, period: float) -> Lift:
     """The height that suits an acceleration, a force and a gap best.
 
     Args:
-        acceleration: (samples,) across the guide [m/s^2].
-        push: (samples,) force of the guide on the slider [N].
+        across: what is seen of the motion.
         gap: free travel on each side [m].
         stiffness: of one end of the shoe against the guide [N/m].
-        sigma: standard deviation of the acceleration's noise [m/s^2].
         period: of the samples [s].
 
     Raises:
         LinAlgError: a motion that no linkage makes: it is not finite.
     """
-    if not (np.isfinite(acceleration).all() and np.isfinite(push).all()):
+    push, told, aside = across.push, across.told, across.aside[0]
+    if not (np.isfinite(across.acceleration).all() and np.isfinite(push).all()):
         raise np.linalg.LinAlgError("the motion across the guide is not finite")
-    banded, right = _integrated(acceleration, sigma, period)
+    banded, right = _integrated(across.acceleration, across.doubt, period)
     size, side = np.abs(push), -np.sign(push)
-    touching = size > _STRUCK * np.quantile(size, 0.99)
+    touching = _touching(across)
     most = gap + 0.5 * size / stiffness  # of both ends
     height = rate = np.zeros(len(push))
     for iteration in range(_ITERATIONS):
@@ -85,7 +113,7 @@ def lift(
         if iteration == 0:
             weight[~touching] = 1.0 / (_FREE * gap)
         else:
-            outside = np.abs(height) > most
+            outside = (np.abs(height) > most) & told
             target[outside] = (np.sign(height) * most)[outside]
             weight[outside] = 1.0 / (_BEYOND * gap)
         if iteration >= _SETTLED:
@@ -93,30 +121,39 @@ def lift(
         known = weight**2 / _CORRELATED + (_DRIFT / gap) ** 2
         matrix, vector = banded.copy(), right.copy()
         matrix[-1, ::2] += known
-        vector[::2] += known * target
+        vector[::2] += known * (target + aside)
         height, rate = solveh_banded(matrix, vector).reshape(-1, 2).T
-    apart = ~maximum_filter1d(touching.astype(np.uint8), _STRIKE).astype(bool)
+        height = height - aside
+    apart = ~maximum_filter1d(touching.astype(np.uint8), _STRIKE).astype(bool) & told
     beyond = float(((np.abs(height) > most + _BEYOND * gap) & apart).mean())
     astray = float((height * side < 0.0)[touching].mean())
-    return Lift(height, rate, acceleration, beyond, astray)
+    rate = rate - across.aside[1]
+    if not told.all():  # a slider that nothing carries flies straight
+        time = np.arange(len(push))
+        height, rate = (np.interp(time, time[told], one[told]) for one in (height, rate))
+        height = np.clip(height, -most, most)
+    return Lift(height, rate, across.slider, beyond, astray)
 
 
-def suggest_gap(
-    motions: Sequence[tuple[np.ndarray, np.ndarray]], stiffness: float, sigma: float, period: float
-) -> float | None:
+def _touching(across: Across) -> np.ndarray:
+    """(samples,) whether the slider surely touches a rail."""
+    size = np.abs(across.push)
+    return (size > _STRUCK * np.quantile(size, 0.99)) & across.told
+
+
+def suggest_gap(motions: Sequence[Across], stiffness: float, period: float) -> float | None:
     """The gap [m] in which a slider moves; ``None`` where nothing speaks of rails.
 
     Args:
-        motions: (samples,) acceleration and (samples,) force, of each recording.
+        motions: what is seen of it, of each recording.
         stiffness: of one end of the shoe against the guide [N/m].
-        sigma: standard deviation of the accelerations' noise [m/s^2].
         period: of the samples [s].
     """
     found = []
-    for acceleration, push in motions:
+    for across in motions:
         shares: list[float] = []
         for gap in GAPS:
-            one = lift(acceleration, push, float(gap), stiffness, sigma, period)
+            one = lift(across, float(gap), stiffness, period)
             shares.append(one.beyond)
             if one.beyond < _OVERRUN:
                 break
@@ -127,36 +164,33 @@ def suggest_gap(
     return max(found, default=None)
 
 
-def measure_gap(
-    acceleration: np.ndarray, push: np.ndarray, gap: float, sigma: float, period: float
-) -> tuple[float, float]:
+def measure_gap(across: Across, gap: float, period: float) -> tuple[float, float]:
     """The gap [m] with which height and touched rails agree best, and its standard deviation [m].
 
     Beside the heights it is one more unknown of the same least squares: one that is pressed lies on a rail.
 
     Args:
-        acceleration: (samples,) across the guide [m/s^2].
-        push: (samples,) force of the guide on the slider [N].
+        across: what is seen of the motion.
         gap: about as wide [m].
-        sigma: standard deviation of the acceleration's noise [m/s^2].
         period: of the samples [s].
     """
-    banded, right = _integrated(acceleration, sigma, period)
-    size, side = np.abs(push), -np.sign(push)
-    touching = size > _STRUCK * np.quantile(size, 0.99)
-    found, miss = gap, np.zeros(len(push))
+    banded, right = _integrated(across.acceleration, across.doubt, period)
+    side, touching, aside = -np.sign(across.push), _touching(across), across.aside[0]
+    found, miss = gap, np.zeros(len(side))
     for iteration in range(_ITERATIONS):
         weight = np.where(touching, 1.0 / (_TILTED * gap), 0.0 if iteration else 1.0 / (_FREE * gap))
         if iteration >= _SETTLED:
             weight = weight / np.sqrt(1.0 + (miss * weight / _OUTLIER) ** 2)
         known = weight**2 / _CORRELATED
-        matrix, rails = banded.copy(), np.zeros_like(right)
+        matrix, vector, rails = banded.copy(), right.copy(), np.zeros_like(right)
         matrix[-1, ::2] += known + (_DRIFT / gap) ** 2
+        vector[::2] += (known + (_DRIFT / gap) ** 2) * aside
         rails[::2] = np.where(touching, known, 0.0) * side
-        free, beside = solveh_banded(matrix, np.stack([right, rails], axis=1)).T
+        free, beside = solveh_banded(matrix, np.stack([vector, rails], axis=1)).T
+        free = free[::2] - aside
         information = known[touching].sum() - rails @ beside
-        found = float(rails @ free / information)
-        miss = (free + found * beside)[::2] - found * side
+        found = float(rails[::2] @ free / information)
+        miss = free + found * beside[::2] - found * side
     return found, float(information**-0.5)
 
 

@@ -39,10 +39,9 @@ def reconstruct_whole(
         one = reconstruct(measured.part(low, high), parameters, joints, speed, angle)
         inner = slice((first - low) * SAMPLES, (last - low) * SAMPLES)
         turning = np.concatenate([turning, one.turning[:, inner]], axis=1)
-        across = one.across[:, inner]
-        found.append(replace(one, nodes=one.nodes[first - low : last - low], across=across))
+        found.append(replace(one, nodes=one.nodes[first - low : last - low]))
     return Reconstruction(
         np.concatenate([one.nodes for one in found]), float(np.mean([one.misfit for one in found])),
         float(np.median([one.force for one in found])), float(np.mean([one.speed for one in found])),
-        np.concatenate([one.across for one in found], axis=1), found[0].doubt, turning,
+        turning,
     )  # fmt: skip

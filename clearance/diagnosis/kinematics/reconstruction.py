@@ -17,7 +17,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from clearance.diagnosis.kinematics.bore import Bore
-from clearance.diagnosis.kinematics.lift import Lift, lift
+from clearance.diagnosis.kinematics.carried import NEEDED, Carried
+from clearance.diagnosis.kinematics.lift import Across, Lift, lift
 from clearance.diagnosis.kinematics.rigid_motion import (
     CRANK_ANGLE,
     CRANK_SPEED,
@@ -33,7 +34,7 @@ from clearance.diagnosis.kinematics.shaking import AT_A, shakes
 from clearance.diagnosis.kinematics.smoother import smooth
 from clearance.diagnosis.kinematics.swaying import sway, told
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
-from clearance.mechanism.parameters import Parameter
+from clearance.mechanism.parameters import JOINT_STRIDE, Parameter
 from clearance.simulation.layout import STATES, Signal, State
 from clearance.simulation.shooting import ECCENTRICITY_B, ECCENTRICITY_C
 
@@ -66,9 +67,8 @@ class Reconstruction:
         misfit: mean square over samples and channels in units of the noise, large ones counted as 9.
         force: typical force in the joint [N].
         speed: that the drive seems to be asked for [rad/s].
-        across: (2, samples) acceleration of the slider across its guide [m/s^2] and the guide's force on it
-            [N]; no samples where no sensor tells.
-        doubt: standard deviation of that acceleration's noise [m/s^2].
+        across: what is seen of the slider's motion across its guide, where sensors tell.
+        carried: what a loose joint C carries, likewise.
         turning: (4, samples) angle [rad], speed [rad/s] and acceleration [rad/s^2] of the crank, torque that
             the motion needs [N m]; no samples where it was read from a file.
     """
@@ -77,9 +77,9 @@ class Reconstruction:
     misfit: float
     force: float
     speed: float
-    across: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)))
-    doubt: float = 0.0
     turning: np.ndarray = field(default_factory=lambda: np.zeros((4, 0)))
+    across: Across | None = None
+    carried: Carried | None = None
 
 
 def reconstruct(
@@ -131,16 +131,19 @@ def reconstruct(
     target, sight = np.zeros((count, 2 * loose)), np.zeros((count, 2 * loose, 2))
     doubt = np.full((count, 2 * loose), np.inf)
     clock = measured.begin + period * np.arange(count) if measured.period > 0.0 else None
+    above = np.zeros((loose, 2, count))  # height of each bearing over the guide line, and its rate
     felt, lifted = feel(parameters, joints, measured.signals, state, inputs, clock=clock), None
     for iteration in range(_ITERATIONS):
         steady = _steadied(measured, values, felt, state, shaken, swaying)
         if iteration > 1:  # from the forces of a path that is nearly right: they tell the side
-            lifted = _lifted(
-                parameters, measured, *_across(parameters, measured, steady, felt, state, joints)
-            )
+            across, through = _across(parameters, measured, steady, felt, state, joints)
+            lifted = _lifted(parameters, across, period)
+            if through is not None and lifted is not None:
+                # the path is that of the rod's end, which is smooth: only where the bearing is follows
+                above[loose - 1], lifted = np.stack([lifted.height, lifted.rate]), None
         if iteration:
             for j in range(loose):
-                rests = _resting(felt, bores[j], state, j, iteration > 1, iteration > 2)
+                rests = _resting(felt, bores[j], state, j, above[j, 0], iteration > 1, iteration > 2)
                 target[:, 2 * j : 2 * j + 2], sight[:, 2 * j : 2 * j + 2], doubt[:, 2 * j : 2 * j + 2] = rests
         rows = np.column_stack([felt.signals, felt.imbalance])
         slope = slopes(parameters, joints, measured.signals, state, inputs, lifted, clock)
@@ -158,26 +161,31 @@ def reconstruct(
     error = (steady - felt.signals) ** 2 / noise[:, :-1]
     cost = np.minimum(error, 9.0).mean()
     for j in range(loose):
-        cost += _strain(*_resting(felt, bores[j], state, j, True, False), state, j)
+        cost += _strain(*_resting(felt, bores[j], state, j, above[j, 0], True, False), state, j)
     nodes = np.zeros((-(-count // SAMPLES), STATES))
     nodes[:, State.CRANK_ANGLE] = state[::SAMPLES, CRANK_ANGLE]
     nodes[:, State.CRANK_SPEED] = state[::SAMPLES, CRANK_SPEED]
     integral, asked = _drive(parameters, state, period)
     nodes[:, State.DRIVE_INTEGRAL] = integral[::SAMPLES]
-    force = 0.0
+    force, railed = 0.0, bool(above.any())
     for j, bore in enumerate(bores):
+        state[:, FIRST_JOINT + 4 * j + 2] -= above[j, 0]
+        state[:, FIRST_JOINT + 4 * j + 3] -= above[j, 1]
         force = _write(nodes, felt, state, j, bore)
     if lifted is not None:
         nodes[:, State.SLIDER_Y] = parameters[Parameter.GUIDE_OFFSET] + lifted.height[::SAMPLES]
         nodes[:, State.SLIDER_Y_RATE] = lifted.rate[::SAMPLES]
+    elif railed:
+        nodes[:, State.SLIDER_Y] = parameters[Parameter.GUIDE_OFFSET] + above[loose - 1, 0, ::SAMPLES]
+        nodes[:, State.SLIDER_Y_RATE] = above[loose - 1, 1, ::SAMPLES]
     elif parameters[Parameter.GUIDE_STIFFNESS] > 0.0:
         weight = parameters[Parameter.SLIDER_MASS] * (parameters[Parameter.GRAVITY_Y] + state[:, GRAVITY_Y])
         _lay(nodes, parameters, weight - felt.force_c[:, 1], period)
-    across, unsure = _across(parameters, measured, steady, felt, state, joints)
+    across, through = _across(parameters, measured, steady, felt, state, joints)
     turning = np.stack([
         state[:, CRANK_ANGLE], state[:, CRANK_SPEED], inputs[:, 0], state[:, TORQUE] - felt.imbalance,
     ])  # fmt: skip
-    return Reconstruction(nodes, float(cost), force, asked, across, unsure, turning)
+    return Reconstruction(nodes, float(cost), force, asked, turning, across, through)
 
 
 def _steadied(
@@ -214,35 +222,45 @@ def _across(
     felt: Felt,
     state: np.ndarray,
     joints: Sequence[str],
-) -> tuple[np.ndarray, float]:
-    """(2, samples) acceleration of the slider across its guide, the guide's force on it; the former's noise.
+) -> tuple[Across | None, Carried | None]:
+    """What is seen of the slider's motion across its guide, and through which loose joint C.
 
     Where C is ideal the rod's sensors there feel what the slider does, and the rod's angle turns it.
     """
-    at, sigma = measured.signals.index, measured.sigma
-    if Signal.SLIDER_VERTICAL in measured.signals:
+    at, sigma, told = measured.signals.index, measured.sigma, set(measured.signals)
+    gravity = p[Parameter.GRAVITY_Y] + state[:, GRAVITY_Y]
+    if Signal.SLIDER_VERTICAL in told:
         vertical, doubt = values[:, at(Signal.SLIDER_VERTICAL)], float(sigma[at(Signal.SLIDER_VERTICAL)])
-    elif "C" in joints or not set(measured.signals) >= _AT_C or not _ends_at_c(p):
-        return np.zeros((2, 0)), 0.0
+    elif not _ends_at_c(p):
+        return None, None
+    elif "C" in joints:
+        if not told >= set(NEEDED):
+            return None, None
+        period = 1.0 / measured.chain.rate
+        through = Carried.of(
+            p, measured.signals, values, sigma, felt.rod_angle, felt.along, gravity, period
+        )  # fmt: skip
+        return through.across(float(p[JOINT_STRIDE + Parameter.JOINT_CLEARANCE])), through
+    elif not told >= _AT_C:
+        return None, None
     else:
         across, along = at(Signal.ROD_C_TRANSVERSE), at(Signal.ROD_C_AXIAL)
         sine, cosine = np.sin(felt.rod_angle), np.cos(felt.rod_angle)
         vertical = cosine * values[:, across] + sine * values[:, along]
         doubt = float(np.hypot(sigma[across], sigma[along] * sine.std()))
-    gravity = p[Parameter.GRAVITY_Y] + state[:, GRAVITY_Y]
-    return np.stack([vertical + gravity, p[Parameter.SLIDER_MASS] * vertical + felt.force_c[:, 1]]), doubt
+    push = p[Parameter.SLIDER_MASS] * vertical + felt.force_c[:, 1]
+    return Across.own(vertical + gravity, push, doubt), None
 
 
 def _ends_at_c(p: np.ndarray) -> bool:
     return bool(np.isclose(p[Parameter.SENSOR_ROD_C], p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]))
 
 
-def _lifted(p: np.ndarray, measured: Measured, across: np.ndarray, doubt: float) -> Lift | None:
+def _lifted(p: np.ndarray, across: Across | None, period: float) -> Lift | None:
     """How a slider that is loose in its guide moves across it, where a sensor tells."""
-    if p[Parameter.GUIDE_STIFFNESS] <= 0.0 or p[Parameter.GUIDE_GAP] <= 0.0 or not across.size:
+    if p[Parameter.GUIDE_STIFFNESS] <= 0.0 or p[Parameter.GUIDE_GAP] <= 0.0 or across is None:
         return None
-    gap, stiffness = p[Parameter.GUIDE_GAP], p[Parameter.GUIDE_STIFFNESS]
-    return lift(across[0], across[1], gap, stiffness, doubt, 1.0 / measured.chain.rate)
+    return lift(across, p[Parameter.GUIDE_GAP], p[Parameter.GUIDE_STIFFNESS], period)
 
 
 def _noise(
@@ -296,7 +314,7 @@ def _drive(p: np.ndarray, state: np.ndarray, period: float) -> tuple[np.ndarray,
 
 
 def _resting(
-    felt: Felt, bore: Bore, state: np.ndarray, j: int, placed: bool, settled: bool
+    felt: Felt, bore: Bore, state: np.ndarray, j: int, above: np.ndarray, placed: bool, settled: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What force and gap say about the eccentricity: target, direction seen, doubt [m], along and across.
 
@@ -308,7 +326,8 @@ def _resting(
     size = np.hypot(*push.T)
     typical = float(np.median(size))
     loaded = size > _LOADED * typical
-    place = state[:, [FIRST_JOINT + 4 * j, FIRST_JOINT + 4 * j + 2]]
+    place = state[:, [FIRST_JOINT + 4 * j, FIRST_JOINT + 4 * j + 2]].copy()
+    place[:, 1] -= above
     distance = np.maximum(np.hypot(*place.T), 1e-9)
     normal = np.where(loaded[:, None], push / np.maximum(size, 1e-9)[:, None], place / distance[:, None])
     outside = ~loaded & (distance > bore.radius(normal, felt))
@@ -322,7 +341,7 @@ def _resting(
     if settled:
         miss = (np.einsum("tki,ti->tk", sight, place) - target) / doubt
         doubt *= 1.0 + (np.abs(miss).sum(axis=1, keepdims=True) / _OUTLIER) ** 2
-    return target, sight, doubt
+    return target + sight[:, :, 1] * above[:, None], sight, doubt
 
 
 def _strain(target: np.ndarray, sight: np.ndarray, doubt: np.ndarray, state: np.ndarray, j: int) -> float:

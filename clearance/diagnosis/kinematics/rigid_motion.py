@@ -28,7 +28,7 @@ CRANK_ANGLE, CRANK_SPEED, TORQUE, GRAVITY_X, GRAVITY_Y, FIRST_JOINT = range(6)
 
 # rad, rad/s, N m, m/s^2; m and m/s of the eccentricities: by which derivatives are taken
 _STEPS = np.array([1e-6, 1e-3, 1e-3, 1e-2, 1e-2, 1e-7, 1e-4, 1e-7, 1e-4, 1e-7, 1e-4, 1e-7, 1e-4])
-_FORCES = 5  # on the rod at B and at C, and the angle of the rod
+_FORCES = 6  # on the rod at B and at C, the angle of the rod, on the slider along its guide
 _FORCE_B = float(Argument.FORCE_B)  # of the arguments from here on the motion knows none but the time
 _TIME = float(Argument.TIME)
 # plain numbers: compiled code compares none with members of an enumeration
@@ -65,6 +65,7 @@ class Felt:
         force_c: (samples, 2) on the rod at C [N].
         imbalance: (samples,) torque on the crank beyond what moves it [N m].
         rod_angle: (samples,) [rad].
+        along: (samples,) force on the slider along its guide, beside the joint's [N].
     """
 
     signals: np.ndarray
@@ -72,6 +73,7 @@ class Felt:
     force_c: np.ndarray
     imbalance: np.ndarray
     rod_angle: np.ndarray
+    along: np.ndarray
 
 
 def feel(
@@ -97,7 +99,7 @@ def feel(
     rows, forces = np.zeros((len(state), len(signals) + 1)), np.zeros((len(state), _FORCES))
     known = _known(lifted, clock, len(state))
     _feel(p, _places(joints), np.array(signals), state, inputs, known, rows, forces)
-    return Felt(rows[:, :-1], forces[:, :2], forces[:, 2:4], rows[:, -1], forces[:, 4])
+    return Felt(rows[:, :-1], forces[:, :2], forces[:, 2:4], rows[:, -1], *forces[:, 4:].T)
 
 
 def slopes(
@@ -257,13 +259,15 @@ def _one(
     moment_b -= applied(p, Parameter.FORCE_ROD_MOMENT, table)
     # friction on the guide follows from the guide's force without it, which carries the slider, too
     carried = p[Parameter.SLIDER_MASS] * (acceleration - gy)
-    cx += _push(p, place, slide, (moment_b / length + sine * cx) / cosine + carried, table)
+    pushed = _push(p, place, slide, (moment_b / length + sine * cx) / cosine + carried, table)
+    cx += pushed
     cy = (moment_b / length + sine * cx) / cosine
     rod_bx, rod_by = mass * centre_x - cx, mass * centre_y - cy
     needed = u[0] / p[Parameter.CRANK_INVERSE_INERTIA] + crank * (crank_cosine * rod_by - crank_sine * rod_bx)
     needed -= p[Parameter.CRANK_MOMENT] * (crank_cosine * gy - crank_sine * gx)
     rows[signals.size] = x[TORQUE] - needed
-    forces[0], forces[1], forces[2], forces[3], forces[4] = rod_bx, rod_by, cx, cy, rod_angle
+    forces[0], forces[1], forces[2], forces[3] = rod_bx, rod_by, cx, cy
+    forces[4], forces[5] = rod_angle, pushed
 
 
 @entry

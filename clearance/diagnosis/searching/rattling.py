@@ -24,9 +24,19 @@ from clearance.diagnosis.following.attempt import (
     refine,
     tightened,
 )
-from clearance.diagnosis.following.growth import BEFORE, ISLAND, TORN, Followed, Start, grow, landed, scale_of
+from clearance.diagnosis.following.growth import (
+    BEFORE,
+    ISLAND,
+    TORN,
+    Followed,
+    Start,
+    grow,
+    landed,
+    scale_of,
+)
 from clearance.diagnosis.following.horizon import step
 from clearance.diagnosis.following.particles import Found, ways_on
+from clearance.diagnosis.following.stretches import SHORT, stretches
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.kinematics.shaking import LIFTED
@@ -49,12 +59,15 @@ from clearance.diagnosis.shooting.settle import settle
 from clearance.errors import InputError
 
 _GAPS = (1.0, 0.95, 1.05, 0.9, 1.1)  # times that which the motion shows
+_TRIES = ((1.0, False), (1.0, True), *((gap, False) for gap in _GAPS[1:]), (0.9, True), (1.1, True))
+"""These, from islands or, which takes longer, from short stretches."""
 _MOTION, _KNOWN = (0.01, 0.05), (0.001, 0.003)
 """Standard deviations of clearance and gap, as shares of them: from the motion, from another recording."""
 _GAP = 1  # its place among the unknowns
 _ISLANDS = 8  # of a recording that are tried
 _LIKELY = 10.0  # doubt up to which an island may be right
 _AGREES = 1.5  # cost a sample of a segment that is followed
+_STRETCHES = 12  # short stretches that are followed on
 _BEGUN = 40  # segments that are followed until clearance and gap are known
 _FITTED = 8  # of them between two fits
 _TOLD = 24  # of them that tell both, where no way leads on
@@ -113,14 +126,15 @@ def begin_guide(
         sets = [some for some in _forces_between(search, one) if len(some[0]) <= room] or [_NOTHING]
         if explanation.rails is not None and len(sets) == 1:  # what is sure stands, though no path is found
             explanation.rails = explanation.rails.with_forces(*sets[0])
-    for factor, (also, their) in product(_GAPS, sets):
+    found = None
+    for (factor, shortly), (also, their) in product(_TRIES, sets):
         others, known = (*shown.hypotheses, *also), np.concatenate([shown.sizes, their])
         held, values = beside(
             explanation.nominal, [one.hypothesis, *others], np.append(factor * one.value, known)
         )  # fmt: skip
         values[:, 0] = one.clearance
         model = search.setting.model(held)
-        found = _first(search, model, values)
+        found = _first(search, model, values, shortly)
         if found is not None or search.late():
             break
     if found is not None:
@@ -235,6 +249,10 @@ def follow_rattling(
             if found is not None or late():
                 return found
         every += starts
+    for start, own in stretches(trace, model, row, len(_KNOWN), late)[:_STRETCHES]:
+        found = _followed(start, model, own, _KNOWN, until, SHORT)
+        if found is not None or late():
+            return found
     for start in sorted(every, key=lambda start: start.doubt)[: 2 * _ISLANDS]:
         found = _grown(start, model, row, until)
         if found is not None or late():
@@ -242,25 +260,30 @@ def follow_rattling(
     return None
 
 
-def _first(search: Search, model: Model, rows: np.ndarray) -> tuple[int, Followed] | None:
-    """The recording that is followed first, of islands on all recordings, and how."""
-    starts = []
-    rows = rows.copy()
+def _first(
+    search: Search, model: Model, rows: np.ndarray, shortly: bool = False
+) -> tuple[int, Followed] | None:
+    """The recording that is followed first, and how: of islands on all recordings, or of short stretches."""
+    starts: list[tuple[float, int, Start, np.ndarray]] = []
     for r, row in enumerate(rows):
         try:
             trace = search.retrace(r, model.machine(row), model.instrument(row))
         except np.linalg.LinAlgError:  # no motion between such rails is near
             continue
-        row[-1] = trace.speed
-        starts += [
-            (start.doubt, r, start) for start in Start.several(trace, model.held(row), LOOSENESS, _ISLANDS)
-        ]
-    for _, r, start in sorted(starts, key=lambda one: one[:2]):
-        found = _followed(start, model, rows[r], _MOTION)
-        if found is not None:
-            gap, misfit = found[1][1] * 1e6, found[2]
+        here = np.append(row[:-1], trace.speed)
+        if shortly:
+            found = stretches(trace, model, here, len(_MOTION), search.late)
+        else:
+            islands = Start.several(trace, model.held(here), LOOSENESS, _ISLANDS)
+            found = [(start, here) for start in islands]
+        starts += [(start.doubt, r, start, own) for start, own in found]
+    reach, most = (SHORT, _STRETCHES) if shortly else (ISLAND, None)
+    for _, r, start, own in sorted(starts, key=lambda one: one[:2])[:most]:
+        followed = _followed(start, model, own, _MOTION, reach=reach)
+        if followed is not None:
+            gap, misfit = followed[1][1] * 1e6, followed[2]
             search.report(f"  between rails that leave {gap:.4g} um: misfit {misfit:.3g} on one recording")
-            return r, found
+            return r, followed
         if search.late():
             return None
     return None
@@ -275,25 +298,38 @@ def _grown(start: Start, model: Model, row: np.ndarray, until: float) -> Followe
 
 
 def _followed(
-    start: Start, model: Model, row: np.ndarray, shares: Sequence[float], until: float = np.inf
+    start: Start,
+    model: Model,
+    row: np.ndarray,
+    shares: Sequence[float],
+    until: float = np.inf,
+    reach: int = ISLAND,
 ) -> Followed | None:
     """Follow from an island that may be right; ``shares``: how well clearance and gap are known."""
     try:
-        begun = _begun(start, model, row, shares) if start.doubt < _LIKELY else None
+        begun = _begun(start, model, row, shares, reach) if start.doubt < _LIKELY else None
     except (InputError, np.linalg.LinAlgError):
         return None
     return None if begun is None else _grown(begun[0], model, begun[1], until)
 
 
 def _begun(
-    start: Start, model: Model, row: np.ndarray, shares: Sequence[float]
+    start: Start, model: Model, row: np.ndarray, shares: Sequence[float], reach: int = ISLAND
 ) -> tuple[Start, np.ndarray] | None:
-    """Follow some strikes from an island: where to begin from then, and the values found."""
+    """Follow some strikes from an island, or from a shorter ``reach`` of segments that is followed already.
+
+    Returns:
+        Where to begin from then, and the values found.
+    """
     drawn = list(range(min(len(shares), model.shared)))
     part, home = model.only(drawn, row), row[drawn]
     deviations = np.array(shares)[drawn] * home
-    follower, first = landed(start.follower, model.held(row), start.island), start.island - BEFORE
-    segment, values = start.island + ISLAND, home
+    follower, first = start.follower, start.island - BEFORE
+    if reach == ISLAND:
+        follower = landed(follower, model.held(row), start.island)
+    else:
+        follower = tightened([follower])[0]
+    segment, values = start.island + reach, home
     fitted, end = segment, min(first + _BEGUN, follower.segments - 1)
     ways: _Ways = []
     looks = iter(range(_LOOKS))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.kinematics.agreement import profile
-from clearance.diagnosis.kinematics.lift import lift, measure_gap, suggest_gap
+from clearance.diagnosis.kinematics.lift import Across, lift, measure_gap, suggest_gap
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.mechanism.guide import LooseGuide
 from clearance.simulation.layout import Signal, State
@@ -32,14 +32,13 @@ def bounce(gap, count):
 def seen(acceleration, noise=0.01):
     sigma = noise * acceleration.std()
     values = acceleration + sigma * np.random.default_rng(3).normal(size=acceleration.shape)
-    return values, MASS * values, sigma
+    return Across.own(values, MASS * values, sigma)
 
 
 def test_a_bounce_between_rails_is_followed():
     height, rate, acceleration = bounce(GAP, 2000)
     reach = np.abs(height).max()
-    values, push, sigma = seen(acceleration)
-    found = lift(values, push, reach, STIFFNESS, sigma, PERIOD)
+    found = lift(seen(acceleration), reach, STIFFNESS, PERIOD)
     inside = slice(50, -50)
     assert np.median(np.abs(found.height - height)[inside]) < 0.2 * reach
     assert np.median(np.abs(found.rate - rate)[inside]) < 0.05 * np.abs(rate).max()
@@ -50,17 +49,15 @@ def test_a_bounce_between_rails_is_followed():
 @pytest.mark.parametrize("gap", [2e-5, 8e-5, 3e-4])
 def test_the_gap_is_told_by_the_slider_s_acceleration(gap):
     height, _, acceleration = bounce(gap, 6000)
-    values, push, sigma = seen(acceleration)
     reach = np.abs(height).max()
-    assert suggest_gap([(values, push)], STIFFNESS, sigma, PERIOD) == pytest.approx(reach, rel=0.15)
+    assert suggest_gap([seen(acceleration)], STIFFNESS, PERIOD) == pytest.approx(reach, rel=0.15)
 
 
 @pytest.mark.parametrize("noise", [0.01, 0.05])
 @pytest.mark.parametrize("start", [0.7, 1.4])
 def test_the_gap_is_measured_by_what_lies_between_the_rails(noise, start):
     height, _, acceleration = bounce(GAP, 3000)
-    values, push, sigma = seen(acceleration, noise)
-    gap, deviation = measure_gap(values, push, start * GAP, sigma, PERIOD)
+    gap, deviation = measure_gap(seen(acceleration, noise), start * GAP, PERIOD)
     assert gap == pytest.approx(np.abs(height).max(), abs=2.0 * deviation)
     assert deviation < 0.2 * gap
 
@@ -69,8 +66,29 @@ def test_a_slider_that_swings_with_its_frame_shows_no_rails():
     # a spring holds it: the force is opposite to the height, as with rails, but grows with it; turn the sign
     time = PERIOD * np.arange(2000)
     acceleration = 30.0 * np.sin(2.0 * np.pi * 40.0 * time)
-    values, push, sigma = seen(acceleration)
-    assert suggest_gap([(values, -push)], STIFFNESS, sigma, PERIOD) is None
+    swings = seen(acceleration)
+    assert suggest_gap([replace(swings, push=-swings.push)], STIFFNESS, PERIOD) is None
+
+
+def test_a_slider_is_followed_by_a_sensor_that_moves_against_it():
+    """What is aside of it is known but for some stretches, over which it flies on."""
+    height, _, acceleration = bounce(GAP, 2000)
+    reach, time = np.abs(height).max(), PERIOD * np.arange(2000)
+    swing = 2.0 * np.pi * 35.0
+    aside = 2e-4 * np.stack(
+        [np.sin(swing * time), swing * np.cos(swing * time), -(swing**2) * np.sin(swing * time)]
+    )
+    told = np.arange(2000) % 100 > 10
+    own = seen(acceleration)
+    across = Across(own.acceleration + aside[2], own.push, own.doubt, np.where(told, aside, 0.0), told)
+    across.aside[2] = aside[2]
+    found = lift(across, reach, STIFFNESS, PERIOD)
+    inside = slice(50, -50)
+    assert np.median(np.abs(found.height - height)[inside]) < 0.2 * reach
+    assert np.abs(found.height).max() < 1.2 * reach
+    assert found.astray < 0.02
+    gap, deviation = measure_gap(across, 1.3 * GAP, PERIOD)
+    assert gap == pytest.approx(reach, abs=2.0 * deviation)
 
 
 @pytest.mark.parametrize("gap", [3e-5, pytest.param(7e-5, marks=pytest.mark.slow)])
@@ -90,12 +108,14 @@ def test_the_motion_tells_the_clearance_though_the_slider_leaves_its_line(monkey
     assert with_guide.misfit.min() < 0.6 * without.misfit.min()
 
 
-def test_a_gap_without_a_sensor_across_the_guide_is_not_looked_for():
+def test_a_gap_that_no_sensor_feels_is_not_looked_for(monkeypatch):
+    monkeypatch.setattr(own, "SENSORS", (Signal.CRANK_B_TRANSVERSE, Signal.CRANK_B_AXIAL, Signal.ROD_B_AXIAL))
     made = replace(own.machine("C", 2e-4), guide=LooseGuide(gap=2e-5))
     measured, states = own.recorded(made)
     known = own.aligned(states)
     found = reconstruct(measured, made.parameters(), ("C",), known.speed, known.angle)
-    assert found.across.shape == (2, 0)
+    assert found.across is None
+    assert found.carried is None
 
 
 def test_where_c_is_ideal_the_rod_s_sensors_feel_how_the_slider_moves_across_its_guide(monkeypatch):
@@ -107,7 +127,7 @@ def test_where_c_is_ideal_the_rod_s_sensors_feel_how_the_slider_moves_across_its
         known = own.aligned(states)
         across[len(sensors)] = reconstruct(
             measured, made.parameters(), ("B",), known.speed, known.angle
-        ).across[0, 50:-50]
+        ).across.slider[50:-50]
     without, own_sensor = across.values()
     assert np.corrcoef(without, own_sensor)[0, 1] > 0.95
     assert without.std() == pytest.approx(own_sensor.std(), rel=0.1)
@@ -117,7 +137,7 @@ def test_a_motion_that_no_linkage_makes_is_refused():
     _, _, acceleration = bounce(GAP, 200)
     acceleration[100] = np.nan
     with pytest.raises(np.linalg.LinAlgError, match="not finite"):
-        lift(acceleration, acceleration, GAP, STIFFNESS, 1.0, PERIOD)
+        lift(Across.own(acceleration, acceleration, 1.0), GAP, STIFFNESS, PERIOD)
 
 
 def test_a_guide_without_free_travel_leaves_the_slider_on_its_line(monkeypatch):

@@ -31,7 +31,8 @@ def islands(monkeypatch, outcomes):
         return outcome
 
     monkeypatch.setattr(rattling.Start, "several", staticmethod(several))
-    monkeypatch.setattr(rattling, "_begun", lambda start, model, row, shares: (start, row))
+    monkeypatch.setattr(rattling, "_begun", lambda start, model, row, shares, reach: (start, row))
+    monkeypatch.setattr(rattling, "stretches", lambda *_: [])
     monkeypatch.setattr(rattling, "grow", grow)
     monkeypatch.setattr(rattling, "refine", lambda held, model, followers, rows, *_: (followers, rows))
     return asked
@@ -99,7 +100,7 @@ def rails(monkeypatch, suggested):
     monkeypatch.setattr(rattling, "suggest_guide", lambda search, shown, most: guide)
     monkeypatch.setattr(rattling, "suggest_forces", lambda *_, named: suggested)
     monkeypatch.setattr(
-        rattling, "_first", lambda search, model, rows: tried.append((model, rows[0].tolist()))
+        rattling, "_first", lambda search, model, rows, shortly: tried.append((model, rows[0].tolist()))
     )
     setting = SimpleNamespace(
         added=lambda held, sizes: None, model=lambda held: tuple(one.name for one in held)
@@ -138,7 +139,7 @@ def test_between_rails_recordings_are_followed_with_the_forces_that_go_with_thes
     names = [tuple(["guide_clearance", *([one] if one else [])]) for one in expected]
     assert [one for one, _ in tried[: len(names)]] == names
     assert tried[0][1] == pytest.approx([1e-4, 7e-5, *([5.0] if expected[0] else []), 700.0])
-    assert len(tried) == len(names) * len(rattling._GAPS)
+    assert len(tried) == len(names) * len(rattling._TRIES)
 
 
 @pytest.mark.parametrize(("costs", "named"), [([2.0, 3.8, 3.9], True), ([3.3, 3.8, 3.9], False)])
