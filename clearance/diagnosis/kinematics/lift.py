@@ -8,7 +8,6 @@ tilts, and strikes with one end while its middle is still short of the rail, doe
 Reference: least squares over a stretch with what ends its drift reweighted, as in ``reconstruction``.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -141,27 +140,24 @@ def _touching(across: Across) -> np.ndarray:
     return (size > _STRUCK * np.quantile(size, 0.99)) & across.told
 
 
-def suggest_gap(motions: Sequence[Across], stiffness: float, period: float) -> float | None:
+def suggest_gap(across: Across, stiffness: float, period: float) -> float | None:
     """The gap [m] in which a slider moves; ``None`` where nothing speaks of rails.
 
     Args:
-        motions: what is seen of it, of each recording.
+        across: what is seen of the motion.
         stiffness: of one end of the shoe against the guide [N/m].
         period: of the samples [s].
     """
-    found = []
-    for across in motions:
-        shares: list[float] = []
-        for gap in GAPS:
-            one = lift(across, float(gap), stiffness, period)
-            shares.append(one.beyond)
-            if one.beyond < _OVERRUN:
-                break
-        if one.beyond >= _OVERRUN or one.astray > _ASTRAY:
-            return None
-        last = GAPS[: len(shares)][-2:]
-        found.append(float(np.interp(-_OVERRUN, np.negative(shares[-2:]), last)) / _SMALL)
-    return max(found, default=None)
+    shares: list[float] = []
+    for gap in GAPS:
+        one = lift(across, float(gap), stiffness, period)
+        shares.append(one.beyond)
+        if one.beyond < _OVERRUN:
+            break
+    if one.beyond >= _OVERRUN or one.astray > _ASTRAY:
+        return None
+    last = GAPS[: len(shares)][-2:]
+    return float(np.interp(-_OVERRUN, np.negative(shares[-2:]), last)) / _SMALL
 
 
 def measure_gap(across: Across, gap: float, period: float) -> tuple[float, float]:

@@ -25,8 +25,9 @@ from clearance.diagnosis.kinematics.agreement import (
     profile,
 )
 from clearance.diagnosis.kinematics.carried import Carried, tell_clearance
-from clearance.diagnosis.kinematics.lift import measure_gap, suggest_gap
+from clearance.diagnosis.kinematics.lift import Across, measure_gap, suggest_gap
 from clearance.diagnosis.kinematics.reconstruction import Reconstruction, reconstruct
+from clearance.diagnosis.kinematics.shaking import LIFTED
 from clearance.diagnosis.searching.explanation import Rails
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.sensing.instrument import Instrument
@@ -177,6 +178,9 @@ def suggest_guide(search: Search, shown: Shown, most: float = RAILED) -> Dimensi
         shown: what else the motion shows.
         most: of the motion's disagreement that rails may leave.
 
+    Of several recordings the one that was nearest to the truth on the plant's machines: the rod's end shows
+    gaps that are 3 to 23 % too wide, a sensor on the slider rather too narrow ones.
+
     Raises:
         LinAlgError: a linkage that does not turn.
     """
@@ -196,9 +200,10 @@ def suggest_guide(search: Search, shown: Shown, most: float = RAILED) -> Dimensi
     seen = [path.across for path in paths if path.across is not None]
     if not seen or any(one.slider.std() < _SHOWN * one.doubt for one in seen):
         return None
-    gap = suggest_gap(seen, stiffness, period)
-    if gap is None:
+    gaps = _gaps(seen, stiffness, period)
+    if not gaps:
         return None
+    gap = max(gaps) if LIFTED in recordings[0].channels else min(gaps)
     size = np.array([gap])
     beside = profile(
         recordings, alignments, lambda c: hypothesis.apply(setting.with_clearance(c), size), workers
@@ -224,15 +229,20 @@ def _through_joint(
     clearance, share = tell_clearance(through)
     if share > _CARRIED:
         return None
-    gaps = [suggest_gap([one.across(clearance)], stiffness, one.period) for one in through]
-    told = [gap for gap in gaps if gap is not None]
-    if len(told) < len(gaps) or max(told) > _ALIKE * min(told):
+    gaps = _gaps([one.across(clearance) for one in through], stiffness, through[0].period)
+    if not gaps or max(gaps) > _ALIKE * min(gaps):
         return None
     search.report(
-        f"  through the loose joint the slider strikes rails that leave it {max(told) * 1e6:.3g} um on each "
+        f"  through the loose joint the slider strikes rails that leave it {max(gaps) * 1e6:.3g} um on each "
         f"side, with a clearance of {clearance * 1e3:.3f} mm: {share:.0%} of what disagrees are left"
     )
-    return Dimension(hypothesis, max(told), clearance, share)
+    return Dimension(hypothesis, max(gaps), clearance, share)
+
+
+def _gaps(seen: Sequence[Across], stiffness: float, period: float) -> list[float]:
+    """What each recording shows; nothing where one of them does not speak of rails."""
+    gaps = [suggest_gap(one, stiffness, period) for one in seen]
+    return [gap for gap in gaps if gap is not None] if None not in gaps else []
 
 
 def measure_rails(search: Search, guide: Dimension, shown: Shown) -> Rails:

@@ -65,7 +65,7 @@ def test_clearance_and_gap_are_told_by_the_rod_and_a_sensor_along_the_guide(monk
     told, left = tell_clearance([path.carried])
     assert told == pytest.approx(clearance, rel=0.08)
     assert left < 0.6
-    assert suggest_gap([path.carried.across(told)], STIFFNESS, path.carried.period) == pytest.approx(
+    assert suggest_gap(path.carried.across(told), STIFFNESS, path.carried.period) == pytest.approx(
         gap, rel=0.3
     )
     found = reconstruct(measured, made.parameters(), ("C",), known.speed, known.angle)
@@ -83,7 +83,7 @@ def test_the_rod_s_sensors_alone_tell_a_small_clearance_roughly(monkeypatch):
     *_, path = looked_at(monkeypatch, 7e-5, 7e-5, rod)
     told, _ = tell_clearance([path.carried])
     assert told == pytest.approx(7e-5, rel=0.35)  # the force is told worse, and blurs the journal's way
-    assert suggest_gap([path.carried.across(told)], STIFFNESS, path.carried.period) == pytest.approx(
+    assert suggest_gap(path.carried.across(told), STIFFNESS, path.carried.period) == pytest.approx(
         7e-5, rel=0.3
     )
 
@@ -92,7 +92,7 @@ def test_the_rod_s_sensors_alone_tell_a_small_clearance_roughly(monkeypatch):
 def test_a_slider_that_is_held_shows_no_rails(monkeypatch, clearance):
     *_, path = looked_at(monkeypatch, clearance, 0.0)
     told, _ = tell_clearance([path.carried])
-    assert suggest_gap([path.carried.across(told)], STIFFNESS, path.carried.period) is None
+    assert suggest_gap(path.carried.across(told), STIFFNESS, path.carried.period) is None
 
 
 def test_sensors_that_do_not_tell_the_rod_s_force_tell_nothing(monkeypatch):

@@ -50,7 +50,7 @@ def test_a_bounce_between_rails_is_followed():
 def test_the_gap_is_told_by_the_slider_s_acceleration(gap):
     height, _, acceleration = bounce(gap, 6000)
     reach = np.abs(height).max()
-    assert suggest_gap([seen(acceleration)], STIFFNESS, PERIOD) == pytest.approx(reach, rel=0.15)
+    assert suggest_gap(seen(acceleration), STIFFNESS, PERIOD) == pytest.approx(reach, rel=0.15)
 
 
 @pytest.mark.parametrize("noise", [0.01, 0.05])
@@ -67,7 +67,7 @@ def test_a_slider_that_swings_with_its_frame_shows_no_rails():
     time = PERIOD * np.arange(2000)
     acceleration = 30.0 * np.sin(2.0 * np.pi * 40.0 * time)
     swings = seen(acceleration)
-    assert suggest_gap([replace(swings, push=-swings.push)], STIFFNESS, PERIOD) is None
+    assert suggest_gap(replace(swings, push=-swings.push), STIFFNESS, PERIOD) is None
 
 
 def test_a_slider_is_followed_by_a_sensor_that_moves_against_it():
