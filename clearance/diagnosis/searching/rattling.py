@@ -10,6 +10,7 @@ References: Russell & Norvig 2010, Artificial Intelligence, sec. 3.4.3 (search i
 Smith 1993, IEE Proc. F 140(2) (draws of what is not seen).
 """
 
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import product
 
@@ -67,6 +68,7 @@ _GAP = 1  # its place among the unknowns
 _ISLANDS = 8  # of a recording that are tried
 _LIKELY = 10.0  # doubt up to which an island may be right
 _AGREES = 1.5  # cost a sample of a segment that is followed
+_SHARE = 0.6  # of the time that is left: rails may be false, and something else is to be tried then
 _STRETCHES = 12  # short stretches that are followed on
 _BEGUN = 40  # segments that are followed until clearance and gap are known
 _FITTED = 8  # of them between two fits
@@ -126,7 +128,11 @@ def begin_guide(
         sets = [some for some in _forces_between(search, one) if len(some[0]) <= room] or [_NOTHING]
         if explanation.rails is not None and len(sets) == 1:  # what is sure stands, though no path is found
             explanation.rails = explanation.rails.with_forces(*sets[0])
-    found = None
+    found, until = None, time.monotonic() + _SHARE * (search.deadline - time.monotonic())
+
+    def late() -> bool:
+        return time.monotonic() > until or search.late()
+
     for (factor, shortly), (also, their) in product(_TRIES, sets):
         others, known = (*shown.hypotheses, *also), np.concatenate([shown.sizes, their])
         held, values = beside(
@@ -134,8 +140,8 @@ def begin_guide(
         )  # fmt: skip
         values[:, 0] = one.clearance
         model = search.setting.model(held)
-        found = _first(search, model, values, shortly)
-        if found is not None or search.late():
+        found = _first(search, model, values, shortly, late)
+        if found is not None or late():
             break
     if found is not None:
         first, followed = found
@@ -261,7 +267,7 @@ def follow_rattling(
 
 
 def _first(
-    search: Search, model: Model, rows: np.ndarray, shortly: bool = False
+    search: Search, model: Model, rows: np.ndarray, shortly: bool, late: Callable[[], bool]
 ) -> tuple[int, Followed] | None:
     """The recording that is followed first, and how: of islands on all recordings, or of short stretches."""
     starts: list[tuple[float, int, Start, np.ndarray]] = []
@@ -272,7 +278,7 @@ def _first(
             continue
         here = np.append(row[:-1], trace.speed)
         if shortly:
-            found = stretches(trace, model, here, len(_MOTION), search.late)
+            found = stretches(trace, model, here, len(_MOTION), late)
         else:
             islands = Start.several(trace, model.held(here), LOOSENESS, _ISLANDS)
             found = [(start, here) for start in islands]
@@ -284,7 +290,7 @@ def _first(
             gap, misfit = followed[1][1] * 1e6, followed[2]
             search.report(f"  between rails that leave {gap:.4g} um: misfit {misfit:.3g} on one recording")
             return r, followed
-        if search.late():
+        if late():
             return None
     return None
 

@@ -50,7 +50,7 @@ def test_likely_islands_of_all_recordings_are_tried_by_their_doubt(monkeypatch):
     search = SimpleNamespace(
         retrace=lambda r, machine, instrument: TRACES[r], report=lambda _: None, late=lambda: False
     )
-    first, found = rattling._first(search, MODEL, ROWS)
+    first, found = rattling._first(search, MODEL, ROWS, False, search.late)
     assert (first, found) == (0, HELD)
     assert asked == [(800.0, 0), (700.0, 1)]
     assert (ROWS[:, -1] == 0.0).all()
@@ -100,7 +100,7 @@ def rails(monkeypatch, suggested):
     monkeypatch.setattr(rattling, "suggest_guide", lambda search, shown, most: guide)
     monkeypatch.setattr(rattling, "suggest_forces", lambda *_, named: suggested)
     monkeypatch.setattr(
-        rattling, "_first", lambda search, model, rows, shortly: tried.append((model, rows[0].tolist()))
+        rattling, "_first", lambda search, model, rows, *_: tried.append((model, rows[0].tolist()))
     )
     setting = SimpleNamespace(
         added=lambda held, sizes: None, model=lambda held: tuple(one.name for one in held)
@@ -109,7 +109,12 @@ def rails(monkeypatch, suggested):
         hypotheses=(), model=SimpleNamespace(shared=1), fit=SimpleNamespace(values=np.array([[2e-4, 700.0]]))
     )
     search = SimpleNamespace(
-        setting=setting, profile=None, recordings=[SimpleNamespace(channels=())], late=lambda: False, most=2
+        setting=setting,
+        profile=None,
+        recordings=[SimpleNamespace(channels=())],
+        late=lambda: False,
+        most=2,
+        deadline=np.inf,
     )
     return search, SimpleNamespace(nominal=nominal, rails=None), tried
 
