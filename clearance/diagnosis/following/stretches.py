@@ -18,7 +18,7 @@ from clearance.errors import InputError
 
 SHORT = 2
 """Segments of a stretch, beside those around it."""
-_FIRST = 4  # segments at either end that are left out
+_FIRST, _LAST = 4, 24  # segments from either end: behind the last stretch some must be left to follow
 _FOLLOWED = 2.0  # cost a sample of a stretch that is followed, at every scale of the noise
 
 
@@ -40,7 +40,7 @@ def stretches(
     drawn = list(range(min(sought, model.shared)))
     part, path = model.only(drawn, row), trace.follower(LOOSENESS)
     found = []
-    for place in range(_FIRST, path.segments - SHORT - _FIRST):
+    for place in range(_FIRST, path.segments - _LAST):
         if late():
             break
         own, here = tightened([path])[0], row.copy()

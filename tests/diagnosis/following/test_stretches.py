@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from clearance.diagnosis.following.growth import AFTER, ISLAND
 from clearance.diagnosis.following.stretches import stretches
 from tests.diagnosis.following.test_growth import CLEARANCE, SETTING, begun
 
@@ -14,6 +15,8 @@ def test_stretches_that_are_followed_tell_the_clearance_the_best_one_first():
     assert len(found) > 10
     assert doubts == sorted(doubts)
     assert doubts[-1] < 2.0
+    ends = start.trace.follower(0.15).segments - ISLAND - AFTER
+    assert max(one.island for one, _ in found) <= ends  # an island is landed on there, too
     assert np.median([row[0] for _, row in found]) == pytest.approx(CLEARANCE, rel=0.01)
     assert all(row[1:] == pytest.approx(values[1:]) for _, row in found)
 
