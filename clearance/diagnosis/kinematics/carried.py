@@ -25,6 +25,7 @@ _WIDTHS = (1.0, 1.5, 2.5, 4.0)  # samples: standard deviations of the smoothing 
 _PLAINLY = 1.07  # times what the best width leaves: a narrower one, which blurs less, may leave that
 _LOADED = 0.25  # of the typical force: below, the journal may be anywhere
 _APART = 0.02  # of a smoothed sample that may come from there
+_LEAST = 0.1  # of the samples with a load: fewer tell nothing
 _CLEARANCES = np.geomspace(1e-5, 1.3e-3, 120)  # m, that are compared
 
 
@@ -139,9 +140,11 @@ class _Smoothed:
         )  # fmt: skip
 
     def left(self, clearances: np.ndarray) -> np.ndarray:
-        """(clearances,) typical disagreement, over that without a clearance."""
+        """(clearances,) typical disagreement over that without a clearance, infinite if little is told."""
         apart, bend = (self.end - self.free)[self.told], self.bend[self.told]
-        typical = np.median(np.abs(apart))
+        typical = np.median(np.abs(apart)) if self.told.mean() > _LEAST else 0.0
+        if typical == 0.0:
+            return np.full(len(clearances), np.inf)
         return np.array([np.median(np.abs(apart - one * bend)) for one in clearances]) / typical
 
 

@@ -125,9 +125,9 @@ def lift(across: Across, gap: float, stiffness: float, period: float) -> Lift:
         height = height - aside
     apart = ~maximum_filter1d(touching.astype(np.uint8), _STRIKE).astype(bool) & told
     beyond = float(((np.abs(height) > most + _BEYOND * gap) & apart).mean())
-    astray = float((height * side < 0.0)[touching].mean())
+    astray = float((height * side < 0.0)[touching].mean()) if touching.any() else 1.0
     rate = rate - across.aside[1]
-    if not told.all():  # a slider that nothing carries flies straight
+    if told.any() and not told.all():  # a slider that nothing carries flies straight
         time = np.arange(len(push))
         height, rate = (np.interp(time, time[told], one[told]) for one in (height, rate))
         height = np.clip(height, -most, most)

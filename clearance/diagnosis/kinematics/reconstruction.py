@@ -131,13 +131,16 @@ def reconstruct(
     target, sight = np.zeros((count, 2 * loose)), np.zeros((count, 2 * loose, 2))
     doubt = np.full((count, 2 * loose), np.inf)
     clock = measured.begin + period * np.arange(count) if measured.period > 0.0 else None
+    plays = parameters[Parameter.GUIDE_STIFFNESS] > 0.0 and parameters[Parameter.GUIDE_GAP] > 0.0
     above = np.zeros((loose, 2, count))  # height of each bearing over the guide line, and its rate
-    felt, lifted = feel(parameters, joints, measured.signals, state, inputs, clock=clock), None
+    felt = feel(parameters, joints, measured.signals, state, inputs, clock=clock)
+    lifted: Lift | None = None
     for iteration in range(_ITERATIONS):
         steady = _steadied(measured, values, felt, state, shaken, swaying)
-        if iteration > 1:  # from the forces of a path that is nearly right: they tell the side
+        if plays and iteration > 1:  # from the forces of a path that is nearly right: they tell the side
             across, through = _across(parameters, measured, steady, felt, state, joints)
-            lifted = _lifted(parameters, across, period)
+            gap, stiffness = parameters[Parameter.GUIDE_GAP], parameters[Parameter.GUIDE_STIFFNESS]
+            lifted = None if across is None else lift(across, gap, stiffness, period)
             if through is not None and lifted is not None:
                 # the path is that of the rod's end, which is smooth: only where the bearing is follows
                 above[loose - 1], lifted = np.stack([lifted.height, lifted.rate]), None
@@ -254,13 +257,6 @@ def _across(
 
 def _ends_at_c(p: np.ndarray) -> bool:
     return bool(np.isclose(p[Parameter.SENSOR_ROD_C], p[Parameter.ROD_TO_B] + p[Parameter.ROD_TO_C]))
-
-
-def _lifted(p: np.ndarray, across: Across | None, period: float) -> Lift | None:
-    """How a slider that is loose in its guide moves across it, where a sensor tells."""
-    if p[Parameter.GUIDE_STIFFNESS] <= 0.0 or p[Parameter.GUIDE_GAP] <= 0.0 or across is None:
-        return None
-    return lift(across, p[Parameter.GUIDE_GAP], p[Parameter.GUIDE_STIFFNESS], period)
 
 
 def _noise(
