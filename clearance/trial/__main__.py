@@ -45,7 +45,9 @@ def main(cfg: DictConfig) -> None:
     drawn = [] if cfg.pictures is None else [Path(cfg.pictures)]
     if cfg.stage == "pool":
         facts, rows = pool([Path(path) for path in _words(cfg, "pooled")])
-        _publish(*_score(facts, rows, drawn), "trial", cfg.results, cfg.readme)
+        result, text = _score(facts, rows, drawn)
+        result.pop("rows")  # they stand in the results that were added up
+        _publish(result, text, "trial", cfg.results, cfg.readme)
         return
     program, arguments = _words(cfg, "program"), _words(cfg, "arguments")
     methods = _methods(_words(cfg, "baselines"))
