@@ -75,8 +75,11 @@ class Hypothesis:
         return np.array([parameter.shape for parameter in self.effect.free], dtype=bool)
 
     def structural(self, machine: SliderCrank) -> bool:
-        """Whether it gives the machine new coordinates."""
-        codes = self.apply(machine, self.start).codes()
+        """Whether it gives the machine new coordinates; not where it begins larger than a small gap takes."""
+        try:
+            codes = self.apply(machine, self.start).codes()
+        except InputError:  # lobes that close the bore
+            return False
         return bool((codes[STRUCTURE] != machine.codes()[STRUCTURE]).any())
 
 

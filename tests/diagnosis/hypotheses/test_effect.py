@@ -258,6 +258,16 @@ def test_a_phase_of_zero_can_be_fitted_and_a_count_cannot():
     assert amplitude.low < amplitude.high
 
 
+def test_lobes_larger_than_a_gap_give_the_machine_no_coordinates():
+    worn = of_effect(load_effects("worn_bearing")[0], NOMINAL, "C")[0]
+    narrow = replace(NOMINAL, joint_c=replace(NOMINAL.joint_c, clearance=0.5 * float(worn.start[0])))
+    with pytest.raises(InputError, match="closes the bore"):
+        worn.apply(narrow, worn.start)
+    assert not worn.structural(narrow)
+    loose = of_effect(load_effects("guide_clearance")[0], NOMINAL, "C")[0]
+    assert loose.structural(narrow)
+
+
 def test_one_lobe_is_taken_no_derivative_by():
     worn = [h for h in of_effect(load_effects("worn_bearing")[0], NOMINAL, "C") if h.start[1] == 1.0]
     model = Setting(NOMINAL, "C").model(worn[:1])  # fewer than one are none that a bearing can have
