@@ -1,6 +1,7 @@
 """One case scored: what was said beside what is true."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -43,8 +44,7 @@ def score_case(one: Revealed) -> dict[str, Any]:
         **_places_right(case, said),
         "parameters": parameters(case, said["effects"]),
         "clearance": _clearance(case, said["clearance"]),
-        # the shares of recordings that are lost name files of whoever ran the trial
-        "held_out": {key: value for key, value in said["fit"]["held_out"].items() if key != "shares"},
+        "held_out": _held_out(said["fit"]["held_out"]),
         **_likeness(likeness(one.secrets["curve"], _curve_of(case, said)) if asked else None),
         "left_over": left_over(case, one.secrets, said),
     }
@@ -187,6 +187,13 @@ def _off(name: str, key: str) -> float | None:
         if key in variant.sizes:
             return float(variant.off.get(key, 0.0))
     return None
+
+
+def _held_out(given: Mapping[str, Any]) -> dict[str, Any]:
+    """As it was said; recordings of which a part was lost by their file's name, not by whose folder."""
+    if "shares" not in given:
+        return dict(given)
+    return {**given, "shares": {Path(path).name: share for path, share in given["shares"].items()}}
 
 
 def _clearance(case: Case, given: Mapping[str, Any]) -> dict[str, Any] | None:

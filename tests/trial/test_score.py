@@ -131,6 +131,15 @@ def test_a_case_without_a_verdict_counts_as_wrong(secrets):
     assert summarise([right, silent, partial])["held_out_at_floor"] == rate([True, False, False])
 
 
+def test_a_recording_that_was_lost_in_part_is_known_by_its_file_alone(secrets):
+    said = verdict("physics", [friction()])
+    whole = scored(FRICTION, said, secrets)
+    said["fit"]["held_out"] |= {"shares": {"/somebody/cases/case_0001/1.parquet": 0.5}}
+    row = scored(FRICTION, said, secrets)
+    assert row["held_out"] == {**whole["held_out"], "shares": {"1.parquet": 0.5}}
+    assert summarise([whole, row])["held_out_at_floor"] == rate([True, False])
+
+
 def test_what_cannot_be_wrong_is_not_counted_as_right(secrets):
     """A whole number without an interval; a claim of numbers that no machine can have."""
     effect = friction()

@@ -176,10 +176,10 @@ def suggest_guide(search: Search, shown: Shown, most: float = RAILED) -> Dimensi
     Args:
         search: with its recordings.
         shown: what else the motion shows.
-        most: of the motion's disagreement that rails may leave.
+        most: of the motion's disagreement that rails may leave; not asked through a loose joint C.
 
-    Of several recordings the one that was nearest to the truth on the plant's machines: the rod's end shows
-    gaps that are 3 to 23 % too wide, a sensor on the slider rather too narrow ones.
+    The widest gap of all recordings; where C is ideal and the rod's end shows them the narrowest, since that
+    came out 4 to 23 % too wide on seven machines of the plant by 1 % noise.
 
     Raises:
         LinAlgError: a linkage that does not turn.
@@ -223,8 +223,8 @@ def _through_joint(
 ) -> Dimension | None:
     """Play in the guide, seen through a loose joint C; what is left is that of slider and force.
 
-    On nine of the plant's machines the clearance was off by 0 to 5 % with a sensor along the guide, 8 to 28 %
-    by the rod's four or 5 % noise, the gap by 1 to 10 %, once by a half; two more showed nothing.
+    Of nine machines of the plant seven showed rails: the clearance off by 0 to 5 % on four with a sensor
+    along the guide, by 8 to 28 % on three by the rod's four or 5 % noise, the gap by 1 to 10 %, once by half.
     """
     clearance, share = tell_clearance(through)
     if share > _CARRIED:
