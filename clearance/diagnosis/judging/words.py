@@ -18,6 +18,7 @@ from clearance.diagnosis.judging.verdict import (
     estimates,
     nearer,
     place_of,
+    rattling,
     rivals,
     unconfirmed,
 )
@@ -69,7 +70,7 @@ def sentences(
         lines.insert(0, _free_force(explanation, curve, held_out))
         lines += _nearer(explanation, held_out)
     if verdict == "unknown":
-        lines += [*_worked(explanation), *_gap(explanation)]
+        lines += [*_rattling(explanation), *_worked(explanation), *_gap(explanation)]
     others = rivals(verdict, explanation)[1:]
     if others:
         names = " or ".join(" with ".join(map(_called, a.hypotheses)) for a in others)
@@ -97,7 +98,18 @@ def _nothing_found(
         "Something is missing that none of the tried hypotheses explains: the nominal model's errors are "
         f"{times} times those of a perfect one{where}.",
         shows,
+        *_rattling(explanation),
         *_gap(explanation),
+    ]
+
+
+def _rattling(explanation: Explanation) -> list[str]:
+    """Of rails that the motion shows and between which no machine was followed."""
+    if not rattling(explanation):
+        return []
+    return [
+        "The slider moves across its guide as if between rails, so that it may be loose there; no such "
+        "machine was kept on the recordings through its strikes."
     ]
 
 

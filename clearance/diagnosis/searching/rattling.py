@@ -116,6 +116,7 @@ def begin_guide(
         one = suggest_guide(search, shown, most)
         if one is None:
             return False
+        explanation.rattles = True
         if all(LIFTED in recording.channels for recording in search.recordings):
             explanation.rails = measure_rails(search, one, shown)
     except np.linalg.LinAlgError:

@@ -25,6 +25,7 @@ from clearance.diagnosis.judging.verdict import (
     lost,
     place_of,
     probabilities,
+    rattling,
     verdict_of,
     withdraw,
 )
@@ -428,6 +429,18 @@ def test_a_force_that_nearly_explains_one_recording_says_more_of_the_place_than_
     assert place_of(explanation) == expected
     explanation.attempts.append(attempt(["gravity"], 1.0))
     explanation.attempts[1].hypotheses[0].body, explanation.attempts[1].hypotheses[0].direction = "all", "x"
+    assert place_of(explanation) == ("all", "x")
+
+
+def test_rails_that_the_motion_shows_tell_the_place_until_a_machine_explains():
+    film, table = attempt(["joint_lubrication"], 5.0), Suspected("rod", "moment", 1.6)
+    film.hypotheses[0].body, film.hypotheses[0].direction = "joint_b", "normal"
+    explanation = Explanation(attempt([], 8.0), [film], suspected=table, rattles=True)
+    assert rattling(explanation)
+    assert place_of(explanation) == ("slider", "y")
+    explanation.attempts.append(attempt(["gravity"], 1.0))
+    explanation.attempts[1].hypotheses[0].body, explanation.attempts[1].hypotheses[0].direction = "all", "x"
+    assert not rattling(explanation)
     assert place_of(explanation) == ("all", "x")
 
 

@@ -203,6 +203,23 @@ def fruitless(monkeypatch):
 
 
 @pytest.mark.parametrize(
+    ("misfit", "unpushed", "most"), [(700.0, True, [np.inf]), (700.0, False, [0.95]), (10.0, False, [])]
+)
+def test_lobes_are_asked_once_at_last_though_a_force_may_be_missing(
+    monkeypatch, fruitless, misfit, unpushed, most
+):
+    """By the rod's four sensors the work would show no force below 3 N, and lobes of 36 um were not asked."""
+    asked = []
+    monkeypatch.setattr(fruitless + "begin_wear", lambda *_, most=np.inf: asked.append(most))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
+    search.most = 2
+    monkeypatch.setattr(fruitless + "find_nominal", lambda *_: None)
+    monkeypatch.setattr(fruitless + "begin_displaced_paths", lambda *_: None)
+    search_all(search, Explanation(attempt([], misfit), unpushed=unpushed), lambda _: None)
+    assert asked == most
+
+
+@pytest.mark.parametrize(
     ("left", "expected"), [(700.0, ["inside", "elsewhere"]), (15.0, ["elsewhere", "inside"])]
 )
 def test_what_acts_inside_the_joint_is_asked_first_beside_a_part_that_is_far(
@@ -365,16 +382,27 @@ def test_rails_beyond_doubt_come_before_any_force_and_are_not_followed_twice(
     assert [one for one in asked if misfit > 20.0 or one != "balance"] == expected
 
 
-def test_rails_are_looked_for_by_the_clock_that_the_motion_accuses(monkeypatch, fruitless):
+@pytest.mark.parametrize(
+    ("name", "fault", "channel", "beside"),
+    [
+        ("timebase", True, "rod_b_axial", True),
+        ("second_clearance", None, "slider_vertical", True),
+        ("second_clearance", None, "rod_c_axial", False),  # play in the other joint can look like rails
+        ("sensor_gain", True, "slider_vertical", False),
+    ],
+)
+def test_rails_are_looked_for_by_the_clock_or_dimension_that_the_motion_accuses(
+    monkeypatch, fruitless, name, fault, channel, beside
+):
     def guide(search, explanation, shown=None, most=1.0):
         asked.append(shown)
         return shown is not None
 
-    asked, clock = [], SimpleNamespace(hypothesis=SimpleNamespace(name="timebase"))
+    asked, accused = [], SimpleNamespace(hypothesis=SimpleNamespace(name=name, fault=fault))
     monkeypatch.setattr(fruitless + "begin_guide", guide)
-    monkeypatch.setattr(fruitless + "suggest_dimensions", lambda *_: [clock])
+    monkeypatch.setattr(fruitless + "suggest_dimensions", lambda *_: [accused])
     monkeypatch.setattr(fruitless + "Shown", SimpleNamespace(alone=lambda search, one: one))
-    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=(channel,))], late=lambda: False)
     search.most = 2
     search_all(search, Explanation(attempt([], 30.0)), lambda _: None)
-    assert asked == [None, clock]
+    assert asked == ([None, accused] if beside else [None, None])  # again, where rails were not found

@@ -7,7 +7,7 @@ import pytest
 
 from clearance.diagnosis.searching import rattling
 from clearance.diagnosis.searching.balance import Suggested
-from clearance.diagnosis.searching.explanation import Rails
+from clearance.diagnosis.searching.explanation import Explanation, Rails
 from clearance.diagnosis.searching.geometry import Dimension
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.work import Balanced
@@ -167,4 +167,6 @@ def test_forces_that_are_known_are_not_asked_for(monkeypatch):
     assert begin_guide(search, explanation, None, known, np.array([0.5]))
     assert {one for one, _ in tried} == {("guide_clearance", "torque_ripple")}
     search.most = 1
-    assert not begin_guide(search, explanation, None, known, np.array([0.5]))
+    other = Explanation(explanation.nominal)
+    assert not begin_guide(search, other, None, known, np.array([0.5]))
+    assert (explanation.rattles, other.rattles) == (True, False)
