@@ -24,7 +24,7 @@ from clearance.diagnosis.judging.verdict import (
 )
 from clearance.diagnosis.searching.beside import HALFWAY
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.geometry import CLOCK, FRAME
+from clearance.diagnosis.searching.geometry import CLOCK, FRAME, GEOMETRIC
 from clearance.diagnosis.searching.significance import SURE, null_scores, suspicious
 from clearance.mechanism.applied_force import TabulatedForce
 
@@ -181,7 +181,7 @@ def _shown_by_motion(explanation: Explanation) -> str:
         )
     beside = [] if rails is None else [hypothesis.name for hypothesis in rails.beside]
     where = {FRAME: " on a frame that gives way", CLOCK: " by a clock that is wrong"}
-    forces = any(name not in where for name in beside)
+    forces = any(name not in (*where, *GEOMETRIC) for name in beside)
     return (
         "The motion alone shows this: the slider moves as if between rails"
         f"{''.join(where.get(name, '') for name in beside)}. "

@@ -389,7 +389,10 @@ class Course:
 
     @cached_property
     def _dimensions(self) -> list[Dimension]:
-        return suggest_dimensions(self.search, self._accused)
+        found = suggest_dimensions(self.search, self._accused)
+        shares = [one.share for one in found if one.hypothesis.name in GEOMETRIC]
+        self.explanation.misplaced = min(shares, default=float("inf"))
+        return found
 
 
 STEPS: tuple[Callable[[Course], None], ...] = (

@@ -90,7 +90,8 @@ class Explanation:
         worked: the force that the balance of work points at, whether or not a machine is followed with it.
         shaken: the force without a name that the balance of forces on a known frame shows, if it does.
         rails: between which the slider moves, if it does and not all recordings are followed so.
-        rattles: whether the motion shows rails, followed or not.
+        rattles: of the motion's disagreement that rails leave, followed or not; infinite where it shows none.
+        misplaced: likewise another dimension, the best one.
         shown: the machine between these rails, where none that was followed explains the recordings; or the
             one with ``shaken``, where the nominal one explains them as well.
         agreed: joint, and the clearance in it at which the motion agrees best [m], whatever the forces.
@@ -107,7 +108,8 @@ class Explanation:
     worked: Worked | None = None
     shaken: Shaking | None = None
     rails: Rails | None = None
-    rattles: bool = False
+    rattles: float = float("inf")
+    misplaced: float = float("inf")
     shown: Attempt | None = None
     agreed: tuple[str, float] | None = None
     balanced: bool = False

@@ -116,7 +116,7 @@ def begin_guide(
         one = suggest_guide(search, shown, most)
         if one is None:
             return False
-        explanation.rattles = True
+        explanation.rattles = one.share
         if all(LIFTED in recording.channels for recording in search.recordings):
             explanation.rails = measure_rails(search, one, shown)
     except np.linalg.LinAlgError:

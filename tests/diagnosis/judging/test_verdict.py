@@ -347,14 +347,18 @@ def test_play_that_held_out_recordings_are_not_followed_with_is_said_to_be_that(
     assert "lost at the slider's strikes (errors 12, floor 1.00)" in told[-1]
 
 
-def test_what_the_motion_alone_shows_is_said_to_be_no_more_than_that():
+@pytest.mark.parametrize(("beside", "works"), [("gravity", True), ("second_clearance", False)])
+def test_what_the_motion_alone_shows_is_said_to_be_no_more_than_that(beside, works):
     nominal = attempt([], 50.0)
     nominal.fit.values = np.array([[5e-4, 700.0]])
-    explanation = Explanation(nominal, shown=between_rails())
+    forces = tuple(attempt([beside], 1.0).hypotheses)
+    rails = Rails(1e-4, 7e-5, np.array([1e-5, 7e-6, 0.5]), forces, np.array([1.0]))
+    explanation = Explanation(nominal, rails=rails, shown=between_rails())
     fit = {"held_out": {"before": 9.0, "after": 8.0}}
     told = sentences("physics", explanation, "C", fit, ["slider_vertical"])
     assert "motion alone" in told[0]
     assert "what else may be missing" in told[0]
+    assert ("balance of work between them" in told[0]) == works
     assert "errors remain (8, floor 1.00)" in told[1]
     explanation.rails = Rails(1e-4, 7e-5, np.array([1e-7, 1e-7]), followed=True)
     assert basis_of(explanation) == clearance_of(explanation)[1] == "one recording"
@@ -435,7 +439,10 @@ def test_a_force_that_nearly_explains_one_recording_says_more_of_the_place_than_
 def test_rails_that_the_motion_shows_tell_the_place_until_a_machine_explains():
     film, table = attempt(["joint_lubrication"], 5.0), Suspected("rod", "moment", 1.6)
     film.hypotheses[0].body, film.hypotheses[0].direction = "joint_b", "normal"
-    explanation = Explanation(attempt([], 8.0), [film], suspected=table, rattles=True)
+    explanation = Explanation(attempt([], 8.0), [film], suspected=table, rattles=0.4, misplaced=0.3)
+    assert not rattling(explanation)
+    assert place_of(explanation) == ("rod", "moment")
+    explanation.misplaced = 0.6
     assert rattling(explanation)
     assert place_of(explanation) == ("slider", "y")
     explanation.attempts.append(attempt(["gravity"], 1.0))

@@ -266,7 +266,7 @@ def test_what_promises_most_comes_before_the_balance_of_work_and_no_dimension_is
 ):
     asked = []
     tried, other = [
-        SimpleNamespace(hypothesis=SimpleNamespace(name=name))
+        SimpleNamespace(hypothesis=SimpleNamespace(name=name, fault=None), share=0.5)
         for name in ("slider_offset", "second_clearance")
     ]
     hint = SimpleNamespace(hypotheses=(SimpleNamespace(name="gravity", fault=None, channel=None),))
@@ -398,11 +398,13 @@ def test_rails_are_looked_for_by_the_clock_or_dimension_that_the_motion_accuses(
         asked.append(shown)
         return shown is not None
 
-    asked, accused = [], SimpleNamespace(hypothesis=SimpleNamespace(name=name, fault=fault))
+    asked, accused = [], SimpleNamespace(hypothesis=SimpleNamespace(name=name, fault=fault), share=0.4)
     monkeypatch.setattr(fruitless + "begin_guide", guide)
     monkeypatch.setattr(fruitless + "suggest_dimensions", lambda *_: [accused])
     monkeypatch.setattr(fruitless + "Shown", SimpleNamespace(alone=lambda search, one: one))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=(channel,))], late=lambda: False)
     search.most = 2
-    search_all(search, Explanation(attempt([], 30.0)), lambda _: None)
+    explanation = Explanation(attempt([], 30.0))
+    search_all(search, explanation, lambda _: None)
+    assert explanation.misplaced == (0.4 if name == "second_clearance" else np.inf)
     assert asked == ([None, accused] if beside else [None, None])  # again, where rails were not found
