@@ -36,7 +36,8 @@ from clearance.errors import InputError
 from clearance.mechanism.parameters import Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 
-GEOMETRIC = ("slider_offset", "second_clearance")
+SECOND = "second_clearance"
+GEOMETRIC = ("slider_offset", SECOND)
 """Effects that change where the links can be."""
 LOOSE_GUIDE, FRAME, CLOCK = "guide_clearance", "flexible_base", "timebase"
 

@@ -110,7 +110,8 @@ def rails(monkeypatch, suggested):
     )
     search = SimpleNamespace(
         setting=setting,
-        profile=None,
+        profile=SimpleNamespace(best=1.2e-4),
+        groups={},
         recordings=[SimpleNamespace(channels=())],
         late=lambda: False,
         most=2,
@@ -159,6 +160,35 @@ def test_a_force_beyond_doubt_is_known_though_no_path_is_found(monkeypatch, cost
     assert [one.name for one in explanation.rails.beside] == (["soft_drive"] if named else [])
     np.testing.assert_allclose(explanation.rails.sizes, [5.0] if named else [])
     np.testing.assert_allclose(explanation.rails.deviations, [1e-5, 7e-6, *([0.25] if named else [])])
+
+
+@pytest.mark.parametrize(
+    ("joint", "channel", "misfit", "gap"),
+    [
+        ("B", "rod_c_axial", 2.4, True),
+        ("B", "rod_c_axial", 90.0, False),
+        ("B", "rod_c_axial", None, False),  # follows no better
+        ("B", "slider_vertical", 2.4, False),  # no other play moves the slider so
+        ("C", "rod_c_axial", 2.4, False),
+    ],
+)
+def test_what_looks_like_rails_may_be_play_in_the_other_joint(monkeypatch, joint, channel, misfit, gap):
+    search, explanation, tried = rails(monkeypatch, None)
+    search.setting.joint, explanation.nominal.misfit, asked = joint, 114.0, []
+    explanation.rattles = np.inf
+    search.groups["second"] = [SimpleNamespace(name="second_clearance")]
+    search.recordings[0].channels = (channel,)
+    monkeypatch.setattr(rattling, "measure_rails", lambda *_: None)
+
+    def fitted(search, explanation, base, held, sizes, clearance, anew):
+        asked.append((held[0].name, sizes.tolist(), clearance))
+        return None if misfit is None else SimpleNamespace(misfit=misfit)
+
+    monkeypatch.setattr(rattling, "fit_from", fitted)
+    assert begin_guide(search, explanation)
+    assert asked == ([("second_clearance", [7e-5], 1.2e-4)] if (joint, channel[:3]) == ("B", "rod") else [])
+    assert (tried == []) == gap
+    assert (explanation.rattles == np.inf) == gap
 
 
 def test_forces_that_are_known_are_not_asked_for(monkeypatch):
