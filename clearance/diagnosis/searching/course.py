@@ -389,6 +389,7 @@ class Course:
 
     @cached_property
     def _dimensions(self) -> list[Dimension]:
+        """Dimensions and faults at which the motion points; what the best dimension leaves is noted."""
         found = suggest_dimensions(self.search, self._accused)
         shares = [one.share for one in found if one.hypothesis.name in GEOMETRIC]
         self.explanation.misplaced = min(shares, default=float("inf"))

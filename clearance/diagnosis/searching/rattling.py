@@ -109,7 +109,8 @@ def begin_guide(
         most: of the motion's disagreement that rails may leave.
 
     Returns:
-        Whether the motion shows rails; not asked where so many effects may not be missing together.
+        Whether the motion shows rails, or a gap in the other joint that looked like some explains most; not
+        asked where so many effects may not be missing together.
     """
     shown = Shown.nothing(search) if shown is None else shown
     room = search.most - 1 - len(shown.hypotheses)
