@@ -41,6 +41,7 @@ from clearance.diagnosis.searching.geometry import (
 )
 from clearance.diagnosis.searching.nominal import find_nominal
 from clearance.diagnosis.searching.parts import PART, enough, in_part, named, set_aside, unfinished
+from clearance.diagnosis.searching.patient import begin_patiently
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.searching.search import Search
@@ -287,6 +288,13 @@ class Course:
             if not self._settled():
                 self.search.follow(self.explanation, self.nominal, hint)
 
+    def patience(self) -> None:
+        """One effect after another with patience, where no machine is followed nearly."""
+        explanation = self.explanation
+        lost = self.nominal.misfit > FAR and explanation.best.misfit > NEARLY
+        if lost and explanation.rails is None and not self._settled():
+            begin_patiently(self.search, explanation)
+
     def other_curve(self) -> None:
         """Forces of free form that waited."""
         if not self._settled():
@@ -404,6 +412,7 @@ STEPS: tuple[Callable[[Course], None], ...] = (
     Course.reshaped, Course.plausible, Course.build_on, Course.unlikely, Course.build_on, Course.curve,
     Course.elsewhere, Course.build_on, Course.share, Course.unlikely_faults, Course.build_on,
     Course.lobes, Course.build_on, Course.pair, Course.build_on, Course.displaced_paths, Course.build_on,
+    Course.patience, Course.build_on,
     Course.other_curve, Course.again, Course.build_on, Course.lost,
 )  # fmt: skip
 """What is likely and cheap first, what is rare and dear last; what explains a part is built on at once."""

@@ -159,7 +159,7 @@ def begin_plausible(search: Search, explanation: Explanation, base: Attempt) -> 
     groups = [
         [group[0]]
         for group in search.others(base)
-        if _of_one_size(group[0])
+        if of_one_size(group[0])
         and group[0].fault is None
         and group[0].name not in (*_ELSEWHERE, *GEOMETRIC, *_INSIDE, _FILM, EDGED)  # at one place of many
         and group[0].label not in known
@@ -197,7 +197,7 @@ def begin_inside(
     if clearance is None and alone and astray(base.fit.values[0, 0], shown):
         clearance = shown
     others = search.others(base)
-    groups = [[g[0]] for g in others if g[0].name in _INSIDE and _of_one_size(g[0])]
+    groups = [[g[0]] for g in others if g[0].name in _INSIDE and of_one_size(g[0])]
     films = [g for g in others if g[0].name == _FILM]
     tables = []
     if alone and not films:
@@ -333,10 +333,11 @@ def _of_other_sizes(group: Sequence[Hypothesis]) -> list[Hypothesis]:
 
 def _single(hypothesis: Hypothesis) -> bool:
     """Whether it has one size beside shapes: the simplest variant of its effect; a drive has two gains."""
-    return _of_one_size(hypothesis) or hypothesis.name == DRIVE
+    return of_one_size(hypothesis) or hypothesis.name == DRIVE
 
 
-def _of_one_size(hypothesis: Hypothesis) -> bool:
+def of_one_size(hypothesis: Hypothesis) -> bool:
+    """Whether it has one size, beside shapes."""
     return int((~hypothesis.shapes).sum()) == 1
 
 
