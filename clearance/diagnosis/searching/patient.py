@@ -3,22 +3,22 @@
 A machine that lacks something loses a recording at each impact, and a path that was looked for in vain some
 times is given up. With the right effect every loss can be mended, whatever its size was begun at: the first
 impacts that are met tell it. So each effect is followed patiently on one recording; wrong ones are given up
-within some steps. What is followed best there is fitted to all. A part may stand for a force that is like it
-on its body, and for the other of two.
+within some steps. What is followed best there may be one of two, of which the other is then followed beside
+it; forces of free form come between. What follows one recording is fitted to all.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import LOOSENESS, POOR, Attempt, explained, refine
+from clearance.diagnosis.following.attempt import FOLLOWED, LOOSENESS, POOR, Attempt, explained, refine
 from clearance.diagnosis.following.growth import Followed, Start, grow, scale_of
-from clearance.diagnosis.hypotheses.free_form import Curve, free_form
+from clearance.diagnosis.hypotheses.free_form import Curve, curve_over, free_form
 from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Hypothesis, same
-from clearance.diagnosis.hypotheses.missing_force import PLACES, effect_as_curves
-from clearance.diagnosis.searching.beside import NEARLY
+from clearance.diagnosis.hypotheses.missing_force import arguments_along
 from clearance.diagnosis.searching.elsewhere import of_one_size
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import FRAME, GEOMETRIC, LOOSE_GUIDE
@@ -26,19 +26,26 @@ from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.tables import refine_table
 from clearance.errors import InputError
 
-_ISLANDS = 2  # of a recording, from which an effect is followed
-_MORE = 4  # of another one, with what the first tells
+_ISLANDS, _MORE = 2, 4  # from which a recording is followed; of another one, with what the first tells
+_LIKELIER = 3.0  # times the doubt of the surest island: what is right was followed from one that leaves less
 _PART, _MOST = 0.2, 100.0  # of the nominal misfit of a recording, and misfit, up to which one is followed on
-_LESS = 0.3  # of what a part leaves: with the other effect, or another force in its place, less is left
-_TABLES = 2  # arguments of a force in the place of a part
+_LESS = 0.3  # of what a part leaves: with the other effect less is left
+_NEAR = 6.0  # misfit of a recording by a table of few knots: a finer one may explain
 _TOLD = (*GEOMETRIC, LOOSE_GUIDE, FRAME)  # by the motion and by the crank's sensors
+_TABLES = (
+    ("slider", "x", "slider_velocity"),
+    ("slider", "x", "slider_position"),
+    ("rod", "moment", "rod_angle"),
+)
+_FAINT = {"slider": -1.5, "rod": 0.05}  # N, N m at the end of the range of a table that is begun
 
 
-class _Followed(NamedTuple):
+class _Trial(NamedTuple):
     """Hypotheses with which a recording was followed, and how."""
 
     held: tuple[Hypothesis, ...]
     found: Followed
+    curve: Curve | None = None
 
     @property
     def misfit(self) -> float:
@@ -46,7 +53,7 @@ class _Followed(NamedTuple):
 
 
 def begin_patiently(search: Search, explanation: Explanation) -> None:
-    """Follow effects patiently on one recording after another, and fit what follows to all.
+    """Follow effects patiently on one recording, fit what follows it to all; else on the next recording.
 
     Args:
         search: after its nominal stage.
@@ -54,143 +61,137 @@ def begin_patiently(search: Search, explanation: Explanation) -> None:
     """
     search.report("nothing is followed yet: one effect after another is tried with patience")
     for r in np.argsort([start.doubt for start in search.starts]):
-        limit = float(np.clip(_PART * explanation.nominal.misfits[r], POOR, _MOST))
-        part = _best(search, explanation, int(r), None, limit)
-        while part is not None and not _over(search, explanation) and part.misfit > POOR:
-            limit = max(_LESS * part.misfit, POOR)
-            _in_its_place(search, explanation, int(r), part, limit)
-            if _over(search, explanation) or len(part.held) >= search.most:
-                break
-            part = _best(search, explanation, int(r), part, limit)
-        if _over(search, explanation):
+        one = _OneRecording(search, explanation, int(r))
+        one.search_all()
+        if one.best is not None or one.over():
             return
 
 
-def _over(search: Search, explanation: Explanation) -> bool:
-    return search.late() or explained(explanation.best)
+class _OneRecording:
+    """What is tried on one recording; ``best`` is what it was followed best with, if with anything."""
 
+    def __init__(self, search: Search, explanation: Explanation, r: int) -> None:
+        self.search, self.explanation, self.r = search, explanation, r
+        self.limit = float(np.clip(_PART * explanation.nominal.misfits[r], POOR, _MOST))
+        self.best: _Trial | None = None
 
-def _best(
-    search: Search, explanation: Explanation, r: int, part: _Followed | None, limit: float
-) -> _Followed | None:
-    """The single effect, beside a part, with which a recording is followed best; fitted to all."""
-    before = () if part is None else part.held
-    sizes = np.array([search.clearance]) if part is None else part.found[1][:-1]
-    tried: list[_Followed] = []
-    for hypothesis in _candidates(search, before):
-        if search.late():
-            break
-        held = (*before, hypothesis)
-        found = _patiently(search, r, held, np.append(sizes, hypothesis.start), limit, _ISLANDS)
-        if found is not None:
-            tried.append(_Followed(held, found))
-            if found[2] <= POOR and _everywhere(search, explanation, r, tried[-1]):
-                return tried[-1]
-    best = min(tried, key=lambda one: one.misfit, default=None)
-    if best is not None and best.misfit > POOR and not search.late():
-        _everywhere(search, explanation, r, best)
-    return best
+    def search_all(self) -> None:
+        """Single effects, forces of free form, and others beside the best effect, until something explains."""
+        part = self._each(self._names(None), None, self.limit)
+        if not self.over():
+            self._each(self._tables(), None, self.limit)
+        while part is not None and len(part.held) < self.search.most and not self.over():
+            part = self._each(self._names(part), part, max(_LESS * part.misfit, POOR))
+        if self.best is not None and self.best.misfit > _NEAR and not self.over():
+            self._everywhere(self.best)
 
+    def over(self) -> bool:
+        """Whether the recordings are explained, or time is over."""
+        return self.search.late() or explained(self.explanation.best)
 
-def _candidates(search: Search, before: Sequence[Hypothesis]) -> list[Hypothesis]:
-    return [
-        group[0]
-        for group in search.groups.values()
-        if of_one_size(group[0])
-        and group[0].fault is None
-        and group[0].name not in _TOLD
-        and not any(same(group[0], one) for one in before)
-    ]
-
-
-def _patiently(
-    search: Search, r: int, held: Sequence[Hypothesis], sizes: np.ndarray, limit: float, islands: int
-) -> Followed | None:
-    """Follow a recording from its surest islands; ``sizes``: clearance and what hypotheses begin with."""
-    model = search.setting.model(held)
-    label = " + ".join(one.label for one in held)
-
-    def make() -> Followed | None:
-        row = np.append(sizes, search.traces[r].speed)
-        trace = search.traces[r]
-        if islands > _ISLANDS or any(
-            h.structural(search.setting.with_clearance(SOME_CLEARANCE)) for h in held
-        ):
-            trace = search.retrace(r, model.machine(row), model.instrument(row))
-            row[-1] = trace.speed
-
-        def one(start: Start) -> Followed | None:
-            try:
-                return grow(start, model, row, limit, patient=True)
-            except (InputError, np.linalg.LinAlgError):  # the gap has closed
-                return None
-
-        starts = Start.several(trace, model.held(row), LOOSENESS, islands)
-        found = list[Followed]()
-        for first in range(0, len(starts), search.workers):
-            with ThreadPoolExecutor(search.workers) as pool:
-                some = pool.map(one, starts[first : first + search.workers])
-                found += [each for each in some if each is not None]
-            if search.late() or any(each[2] <= POOR for each in found):
+    def _each(
+        self, candidates: Iterable[tuple[Hypothesis, Curve | None]], part: _Trial | None, limit: float
+    ) -> _Trial | None:
+        """The hypothesis, beside a part, with which the recording is followed best; fitted to all if well."""
+        before = () if part is None else part.held
+        sizes = np.array([self.search.clearance]) if part is None else part.found[1][:-1]
+        best: _Trial | None = None
+        for hypothesis, curve in candidates:
+            held = (*before, hypothesis)
+            found = self._patiently(self.r, held, np.append(sizes, hypothesis.start), limit, _ISLANDS)
+            if found is not None:
+                trial = _Trial(held, found, curve)
+                best = min((one for one in (best, trial) if one is not None), key=lambda one: one.misfit)
+                self.best = min((one for one in (self.best, trial) if one), key=lambda one: one.misfit)
+                if found[2] <= (POOR if curve is None else _NEAR):
+                    self._everywhere(trial)
+            if self.over():
                 break
-        return min(found, key=lambda each: each[2], default=None)
+        return best
 
-    try:
-        found = search.finished.followed(f"{label} from {sizes} patiently on {r}", make)
-    except (InputError, np.linalg.LinAlgError):
-        return None
-    if found is not None:
-        search.report(f"  {label}: misfit {found[2]:.3g} on one recording")
-    return found
+    def _names(self, part: _Trial | None) -> list[tuple[Hypothesis, None]]:
+        """Effects of one size that neither the motion nor the crank's sensors would tell, beside a part."""
+        return [
+            (group[0], None)
+            for group in self.search.groups.values()
+            if of_one_size(group[0])
+            and group[0].fault is None
+            and group[0].name not in _TOLD
+            and not (part is not None and any(same(group[0], one) for one in part.held))
+        ]
 
+    def _tables(self) -> list[tuple[Hypothesis, Curve]]:
+        """Forces of free form where no sensor of the crank feels them, begun faintly."""
+        start, joint = self.search.starts[self.r], self.search.setting.joint
+        machine = self.search.setting.with_clearance(self.search.clearance)
+        arguments = arguments_along(start.follower.look(machine), machine, joint, start.follower.measured)
+        found = []
+        for body, direction, argument in _TABLES:
+            curve = curve_over(arguments[argument], body, direction, argument)
+            forces = np.linspace(-1.0, 1.0, len(curve.knots)) * _FAINT[body]
+            curve = replace(curve, forces=forces)
+            found.append((free_form(curve, joint), curve))
+        return found
 
-def _everywhere(search: Search, explanation: Explanation, r: int, told: _Followed) -> bool:
-    """Fit to all recordings what one tells; whether it explains them."""
-    model = search.setting.model(told.held)
+    def _patiently(
+        self, r: int, held: Sequence[Hypothesis], sizes: np.ndarray, limit: float, islands: int
+    ) -> Followed | None:
+        """Follow a recording from its surest islands; ``sizes``: clearance and what hypotheses begin with."""
+        search = self.search
+        model, label = search.setting.model(held), " + ".join(one.label for one in held)
+        moved = any(one.structural(search.setting.with_clearance(SOME_CLEARANCE)) for one in held)
 
-    def make() -> Attempt | None:
-        each = {r: told.found}
-        for other in range(len(search.recordings)):
-            if other != r:
-                sizes, limit = told.found[1][:-1], max(told.misfit / _LESS, POOR)
-                found = _patiently(search, other, told.held, sizes, limit, _MORE)
-                if found is None:
+        def make() -> Followed | None:
+            trace, row = search.traces[r], np.append(sizes, search.traces[r].speed)
+            if moved or r != self.r:
+                trace = search.retrace(r, model.machine(row), model.instrument(row))
+                row[-1] = trace.speed
+
+            def one(start: Start) -> Followed | None:
+                try:
+                    return grow(start, model, row, limit, patient=True)
+                except (InputError, np.linalg.LinAlgError):  # the gap has closed
                     return None
-                each[other] = found
-        order = range(len(each))
-        values, misfit = np.stack([each[o][1] for o in order]), float(np.mean([each[o][2] for o in order]))
-        surest = min(order, key=lambda o: each[o][2])
-        values[:, : model.shared] = values[surest, : model.shared]
-        followers = [each[o][0] for o in order]
-        return refine(told.held, model, followers, values, scale_of(misfit), 8, search.workers)
 
-    found = search.keep(explanation, told.held, make)
-    return found is not None and explained(found)
+            starts = Start.several(trace, model.held(row), LOOSENESS, islands)
+            doubted = _LIKELIER * max(FOLLOWED, min((start.doubt for start in starts), default=0.0))
+            starts = [start for start in starts if start.doubt < doubted]
+            found = list[Followed]()
+            for first in range(0, len(starts), search.workers):
+                with ThreadPoolExecutor(search.workers) as pool:
+                    some = pool.map(one, starts[first : first + search.workers])
+                    found += [each for each in some if each is not None]
+                if search.late() or any(each[2] <= POOR for each in found):
+                    break
+            return min(found, key=lambda each: each[2], default=None)
 
-
-def _in_its_place(search: Search, explanation: Explanation, r: int, part: _Followed, limit: float) -> None:
-    """Follow with a force of free form that acts as the last effect of a part does, on the same body."""
-    hypothesis, joint = part.held[-1], search.setting.joint
-    place = (hypothesis.body, hypothesis.direction)
-    if place not in PLACES or len(part.held) > 1:
-        return
-    model, (follower, row, _) = search.setting.model(part.held), part.found
-    machine = model.machine(row)
-    seen = follower.look(search.setting.model().machine(row[[0, -1]]), [machine])
-    tried: list[tuple[_Followed, Curve]] = []
-    for curve in effect_as_curves([seen], [follower], machine, place, joint)[:_TABLES]:
-        if search.late():
-            return
-        held = (free_form(curve, joint),)
-        search.report(f"  in its place, a function of {curve.argument}")
-        found = _patiently(search, r, held, np.append(row[0], curve.forces), limit, _ISLANDS)
+        try:
+            found = search.finished.followed(f"{label} from {sizes} patiently on {r}", make)
+        except (InputError, np.linalg.LinAlgError):
+            return None
         if found is not None:
-            tried.append((_Followed(held, found), curve))
-    if not tried:
-        return
-    best, curve = min(tried, key=lambda one: one[0].misfit)
-    before = len(explanation.attempts)
-    if not _everywhere(search, explanation, r, best) and len(explanation.attempts) > before:
-        table = explanation.attempts[-1]
-        if table.misfit < NEARLY:
-            refine_table(search, explanation, curve, table)
+            search.report(f"  {label}: misfit {found[2]:.3g} on one recording")
+        return found
+
+    def _everywhere(self, told: _Trial) -> None:
+        """Fit to all recordings what this one tells."""
+        search, model = self.search, self.search.setting.model(told.held)
+
+        def make() -> Attempt | None:
+            each = {self.r: told.found}
+            for other in range(len(search.recordings)):
+                if other != self.r:
+                    sizes, limit = told.found[1][:-1], max(told.misfit / _LESS, POOR)
+                    found = self._patiently(other, told.held, sizes, limit, _MORE)
+                    if found is None:
+                        return None
+                    each[other] = found
+            order = range(len(each))
+            values, misfits = np.stack([each[o][1] for o in order]), [each[o][2] for o in order]
+            values[:, : model.shared] = values[int(np.argmin(misfits)), : model.shared]
+            followers, scale = [each[o][0] for o in order], scale_of(float(np.mean(misfits)))
+            return refine(told.held, model, followers, values, scale, 8, search.workers)
+
+        found = search.keep(self.explanation, told.held, make)
+        if found is not None and told.curve is not None and not self.over():
+            refine_table(search, self.explanation, told.curve, found)
