@@ -76,7 +76,7 @@ class _OneRecording:
         self.best: _Trial | None = None
 
     def search_all(self) -> None:
-        """Single effects, forces of free form, and others beside the best effect, until something explains."""
+        """Single effects, forces of free form, then others beside the best effect."""
         part = self._each(self._names(None), None, self.limit)
         if not self.over():
             self._each(self._tables(), None, self.limit)
@@ -103,6 +103,7 @@ class _OneRecording:
                 trial = _Trial(held, found, curve)
                 best = min((one for one in (best, trial) if one is not None), key=lambda one: one.misfit)
                 self.best = min((one for one in (self.best, trial) if one), key=lambda one: one.misfit)
+                limit = max(min(limit, best.misfit), POOR)
                 if found[2] <= (POOR if curve is None else _NEAR):
                     self._everywhere(trial)
             if self.over():
