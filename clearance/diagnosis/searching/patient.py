@@ -14,11 +14,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clearance.diagnosis.following.attempt import FOLLOWED, LOOSENESS, POOR, Attempt, explained, refine
+from clearance.diagnosis.following.attempt import (
+    ANNEALING,
+    FOLLOWED,
+    LOOSENESS,
+    POOR,
+    Attempt,
+    explained,
+    refine,
+)
 from clearance.diagnosis.following.growth import Followed, Start, grow, scale_of
-from clearance.diagnosis.hypotheses.free_form import Curve, curve_over, free_form
+from clearance.diagnosis.hypotheses.free_form import Curve, curve_over, free_form, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Hypothesis, same
 from clearance.diagnosis.hypotheses.missing_force import arguments_along
+from clearance.diagnosis.searching.beside import SHARED
 from clearance.diagnosis.searching.elsewhere import of_one_size
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import FRAME, GEOMETRIC, LOOSE_GUIDE
@@ -72,18 +81,34 @@ class _OneRecording:
 
     def __init__(self, search: Search, explanation: Explanation, r: int) -> None:
         self.search, self.explanation, self.r = search, explanation, r
-        self.limit = float(np.clip(_PART * explanation.nominal.misfits[r], POOR, _MOST))
         self.best: _Trial | None = None
 
     def search_all(self) -> None:
         """Single effects, forces of free form, then others beside the best effect."""
-        part = self._each(self._names(None), None, self.limit)
+        limit, named = self._limit(self.r), self._named()
+        if named is not None:
+            self._each(self._names(named), named, limit)
+        part = None if self.over() else self._each(self._names(None), None, limit)
         if not self.over():
-            self._each(self._tables(), None, self.limit)
+            self._each(self._tables(), None, limit)
         while part is not None and len(part.held) < self.search.most and not self.over():
             part = self._each(self._names(part), part, max(_LESS * part.misfit, POOR))
         if self.best is not None and self.best.misfit > _NEAR and not self.over():
             self._everywhere(self.best)
+
+    def _named(self) -> _Trial | None:
+        """What the search has found so far, if it is a part with a name, which another effect may need."""
+        best, nominal, search = self.explanation.best, self.explanation.nominal, self.search
+        share = best.misfits[self.r] / nominal.misfits[self.r]
+        if best is nominal or len(best.hypotheses) >= search.most or not share < SHARED:
+            return None
+        if unnamed(best.hypotheses) is not None or any(one.fault is not None for one in best.hypotheses):
+            return None
+        found = (best.followers[self.r], best.fit.values[self.r], best.misfits[self.r])
+        return _Trial(best.hypotheses, found)
+
+    def _limit(self, r: int) -> float:
+        return float(np.clip(_PART * self.explanation.nominal.misfits[r], POOR, _MOST))
 
     def over(self) -> bool:
         """Whether the recordings are explained, or time is over."""
@@ -179,18 +204,19 @@ class _OneRecording:
         search, model = self.search, self.search.setting.model(told.held)
 
         def make() -> Attempt | None:
-            each = {self.r: told.found}
-            for other in range(len(search.recordings)):
-                if other != self.r:
-                    sizes, limit = told.found[1][:-1], max(told.misfit / _LESS, POOR)
-                    found = self._patiently(other, told.held, sizes, limit, _MORE)
+            follower, row, misfit = told.found
+            alone = refine(told.held, model, [follower], row[None], scale_of(misfit), 8, search.workers)
+            sizes = alone.fit.values[0, :-1]
+            each = {self.r: (alone.followers[0], alone.fit.values[0], alone.misfit)}
+            for r in range(len(search.recordings)):
+                if r != self.r:
+                    found = self._patiently(r, told.held, sizes, self._limit(r), _MORE)
                     if found is None:
                         return None
-                    each[other] = found
-            order = range(len(each))
-            values, misfits = np.stack([each[o][1] for o in order]), [each[o][2] for o in order]
+                    each[r] = found
+            followers, rows, misfits = zip(*(each[r] for r in range(len(each))), strict=True)
+            values, scale = np.stack(rows), max(scale_of(float(np.mean(misfits))), ANNEALING[3])
             values[:, : model.shared] = values[int(np.argmin(misfits)), : model.shared]
-            followers, scale = [each[o][0] for o in order], scale_of(float(np.mean(misfits)))
             return refine(told.held, model, followers, values, scale, 8, search.workers)
 
         found = search.keep(self.explanation, told.held, make)
