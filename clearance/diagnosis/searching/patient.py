@@ -39,7 +39,7 @@ _ISLANDS, _MORE = 2, 4  # from which a recording is followed; of another one, wi
 _LIKELIER = 3.0  # times the doubt of the surest island: what is right was followed from one that leaves less
 _PART, _MOST = 0.2, 100.0  # of the nominal misfit of a recording, and misfit, up to which one is followed on
 _LESS = 0.3  # of what a part leaves: with the other effect less is left
-_NEAR = 6.0  # misfit of a recording by a table of few knots: a finer one may explain
+_NEAR = 6.0  # misfit of a recording that is followed: a variant, or a finer table, may explain it
 _TOLD = (*GEOMETRIC, LOOSE_GUIDE, FRAME)  # by the motion and by the crank's sensors
 _TABLES = (
     ("slider", "x", "slider_velocity"),
@@ -129,7 +129,7 @@ class _OneRecording:
                 best = min((one for one in (best, trial) if one is not None), key=lambda one: one.misfit)
                 self.best = min((one for one in (self.best, trial) if one), key=lambda one: one.misfit)
                 limit = max(min(limit, best.misfit), POOR)
-                if found[2] <= (POOR if curve is None else _NEAR):
+                if found[2] <= _NEAR:
                     self._everywhere(trial)
             if self.over():
                 break
