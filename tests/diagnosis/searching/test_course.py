@@ -19,7 +19,14 @@ from tests.diagnosis.judging.test_verdict import attempt
 @pytest.fixture(autouse=True)
 def still(monkeypatch):
     """Nothing shakes the frame, one clearance, no rails, no force that the balance names, nothing lost."""
-    for name in ("begin_frame", "begin_beside", "begin_displaced_paths", "begin_guide", "find_nominal"):
+    for name in (
+        "begin_frame",
+        "begin_beside",
+        "begin_displaced_paths",
+        "begin_guide",
+        "begin_patiently",
+        "find_nominal",
+    ):
         monkeypatch.setattr(f"clearance.diagnosis.searching.course.{name}", lambda *_, **__: None)
 
 
@@ -217,6 +224,25 @@ def test_lobes_are_asked_once_at_last_though_a_force_may_be_missing(
     monkeypatch.setattr(fruitless + "begin_displaced_paths", lambda *_: None)
     search_all(search, Explanation(attempt([], misfit), unpushed=unpushed), lambda _: None)
     assert asked == most
+
+
+@pytest.mark.parametrize(
+    ("misfit", "best", "rails", "expected"),
+    [
+        (700.0, 700.0, None, True),
+        (700.0, 43.0, None, True),  # one of two, perhaps
+        (700.0, 3.0, None, False),  # nearly: a look tells what is missing
+        (15.0, 15.0, None, False),
+        (700.0, 700.0, "rails", False),  # measured: a slider that is loose is followed otherwise
+    ],
+)
+def test_patience_is_for_what_nothing_follows(monkeypatch, fruitless, misfit, best, rails, expected):
+    asked = []
+    monkeypatch.setattr(fruitless + "begin_patiently", lambda *_: asked.append("patience"))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False, most=1)
+    attempts = [attempt(["rod_flexibility"], best)] if best < misfit else []
+    search_all(search, Explanation(attempt([], misfit), attempts, rails=rails), lambda _: None)
+    assert bool(asked) == expected
 
 
 @pytest.mark.parametrize(
