@@ -11,6 +11,7 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained, refine, tightened
 from clearance.diagnosis.following.onward import Way, best_of, go_on, together, ways_to_follow
+from clearance.diagnosis.following.rattling import follow_rattling
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.judging.likelihood import ask_likelihood
 from clearance.diagnosis.judging.mismatch import Innovations, innovations, root_mean_square
@@ -19,7 +20,6 @@ from clearance.diagnosis.kinematics.agreement import aligned
 from clearance.diagnosis.searching.balance import find_clock
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
-from clearance.diagnosis.searching.rattling import follow_rattling
 from clearance.diagnosis.searching.search import PATIENCE, Search
 from clearance.diagnosis.searching.significance import SURE
 from clearance.diagnosis.sensing.measured import Measured
