@@ -293,7 +293,7 @@ class Course:
         explanation = self.explanation
         lost = self.nominal.misfit > FAR and explanation.best.misfit > NEARLY
         if lost and explanation.rails is None and not self._settled():
-            begin_patiently(self.search, explanation)
+            begin_patiently(self.search, explanation, self._dimensions)
 
     def other_curve(self) -> None:
         """Forces of free form that waited."""

@@ -30,7 +30,8 @@ from clearance.diagnosis.hypotheses.missing_force import arguments_along
 from clearance.diagnosis.searching.beside import SHARED
 from clearance.diagnosis.searching.elsewhere import of_one_size
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.geometry import FRAME, GEOMETRIC, LOOSE_GUIDE
+from clearance.diagnosis.searching.geometry import FRAME, GEOMETRIC, LOOSE_GUIDE, Dimension
+from clearance.diagnosis.searching.nominal import find_nominal
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.tables import refine_table
 from clearance.errors import InputError
@@ -61,16 +62,29 @@ class _Trial(NamedTuple):
         return self.found[2]
 
 
-def begin_patiently(search: Search, explanation: Explanation) -> None:
+class _Candidate(NamedTuple):
+    """A hypothesis, with the (unknowns,) sizes and the clearance [m] that it is begun from.
+
+    ``curve``: of one of free form.
+    """
+
+    hypothesis: Hypothesis
+    sizes: np.ndarray
+    clearance: float
+    curve: Curve | None = None
+
+
+def begin_patiently(search: Search, explanation: Explanation, dimensions: Sequence[Dimension]) -> None:
     """Follow effects patiently on one recording, fit what follows it to all; else on the next recording.
 
     Args:
         search: after its nominal stage.
         explanation: added to.
+        dimensions: with which the motion agrees better.
     """
     search.report("nothing is followed yet: one effect after another is tried with patience")
     for r in np.argsort([start.doubt for start in search.starts]):
-        one = _OneRecording(search, explanation, int(r))
+        one = _OneRecording(search, explanation, int(r), dimensions)
         one.search_all()
         if one.best is not None or one.over():
             return
@@ -79,22 +93,37 @@ def begin_patiently(search: Search, explanation: Explanation) -> None:
 class _OneRecording:
     """What is tried on one recording; ``best`` is what it was followed best with, if with anything."""
 
-    def __init__(self, search: Search, explanation: Explanation, r: int) -> None:
-        self.search, self.explanation, self.r = search, explanation, r
+    def __init__(
+        self, search: Search, explanation: Explanation, r: int, dimensions: Sequence[Dimension]
+    ) -> None:
+        self.search, self.explanation, self.r, self.dimensions = search, explanation, r, dimensions
         self.best: _Trial | None = None
 
     def search_all(self) -> None:
-        """Single effects, forces of free form, then others beside the best effect."""
+        """The nominal machine; single effects, forces of free form, then others beside the best effect."""
         limit, named = self._limit(self.r), self._named()
-        if named is not None:
+        self._find_nominal(limit)
+        if named is not None and not self.over():
             self._each(self._names(named), named, limit)
-        part = None if self.over() else self._each(self._names(None), None, limit)
+        part = None if self.over() else self._each([*self._shown(), *self._names(None)], None, limit)
         if not self.over():
             self._each(self._tables(), None, limit)
         while part is not None and len(part.held) < self.search.most and not self.over():
             part = self._each(self._names(part), part, max(_LESS * part.misfit, POOR))
         if self.best is not None and self.best.misfit > _NEAR and not self.over():
             self._everywhere(self.best)
+
+    def _find_nominal(self, limit: float) -> None:
+        """The nominal machine, where it was lost and patience finds it at another clearance."""
+        search = self.search
+        found = self._patiently(self.r, (), np.array([search.clearance]), limit, _ISLANDS)
+        if found is None or found[2] > POOR:
+            return
+        before = (search.clearance, search.traces, search.starts)
+        search.retrace_all(float(found[1][0]))
+        find_nominal(search, self.explanation)
+        if not explained(self.explanation.nominal):
+            search.clearance, search.traces, search.starts = before
 
     def _named(self) -> _Trial | None:
         """What the search has found so far, if it is a part with a name, which another effect may need."""
@@ -114,18 +143,16 @@ class _OneRecording:
         """Whether the recordings are explained, or time is over."""
         return self.search.late() or explained(self.explanation.best)
 
-    def _each(
-        self, candidates: Iterable[tuple[Hypothesis, Curve | None]], part: _Trial | None, limit: float
-    ) -> _Trial | None:
+    def _each(self, candidates: Iterable[_Candidate], part: _Trial | None, limit: float) -> _Trial | None:
         """The hypothesis, beside a part, with which the recording is followed best; fitted to all if well."""
         before = () if part is None else part.held
-        sizes = np.array([self.search.clearance]) if part is None else part.found[1][:-1]
         best: _Trial | None = None
-        for hypothesis, curve in candidates:
-            held = (*before, hypothesis)
-            found = self._patiently(self.r, held, np.append(sizes, hypothesis.start), limit, _ISLANDS)
+        for one in candidates:
+            held = (*before, one.hypothesis)
+            known = np.array([one.clearance]) if part is None else part.found[1][:-1]
+            found = self._patiently(self.r, held, np.append(known, one.sizes), limit, _ISLANDS)
             if found is not None:
-                trial = _Trial(held, found, curve)
+                trial = _Trial(held, found, one.curve)
                 best = min((one for one in (best, trial) if one is not None), key=lambda one: one.misfit)
                 self.best = min((one for one in (self.best, trial) if one), key=lambda one: one.misfit)
                 limit = max(min(limit, best.misfit), POOR)
@@ -135,10 +162,18 @@ class _OneRecording:
                 break
         return best
 
-    def _names(self, part: _Trial | None) -> list[tuple[Hypothesis, None]]:
+    def _shown(self) -> list[_Candidate]:
+        """Dimensions at which the motion points, as it shows them."""
+        return [
+            _Candidate(one.hypothesis, np.array([one.value]), one.clearance)
+            for one in self.dimensions
+            if one.hypothesis.fault is None
+        ]
+
+    def _names(self, part: _Trial | None) -> list[_Candidate]:
         """Effects of one size that neither the motion nor the crank's sensors would tell, beside a part."""
         return [
-            (group[0], None)
+            _Candidate(group[0], group[0].start, self.search.clearance)
             for group in self.search.groups.values()
             if of_one_size(group[0])
             and group[0].fault is None
@@ -146,7 +181,7 @@ class _OneRecording:
             and not (part is not None and any(same(group[0], one) for one in part.held))
         ]
 
-    def _tables(self) -> list[tuple[Hypothesis, Curve]]:
+    def _tables(self) -> list[_Candidate]:
         """Forces of free form where no sensor of the crank feels them, begun faintly."""
         start, joint = self.search.starts[self.r], self.search.setting.joint
         machine = self.search.setting.with_clearance(self.search.clearance)
@@ -156,7 +191,7 @@ class _OneRecording:
             curve = curve_over(arguments[argument], body, direction, argument)
             forces = np.linspace(-1.0, 1.0, len(curve.knots)) * _FAINT[body]
             curve = replace(curve, forces=forces)
-            found.append((free_form(curve, joint), curve))
+            found.append(_Candidate(free_form(curve, joint), forces, self.search.clearance, curve))
         return found
 
     def _patiently(
@@ -164,7 +199,7 @@ class _OneRecording:
     ) -> Followed | None:
         """Follow a recording from its surest islands; ``sizes``: clearance and what hypotheses begin with."""
         search = self.search
-        model, label = search.setting.model(held), " + ".join(one.label for one in held)
+        model, label = search.setting.model(held), " + ".join(one.label for one in held) or "nominal"
         moved = any(one.structural(search.setting.with_clearance(SOME_CLEARANCE)) for one in held)
 
         def make() -> Followed | None:

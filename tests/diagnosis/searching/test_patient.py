@@ -18,6 +18,7 @@ class Bench:
     """Two recordings, and what is left of each with which effects; an effect that is not listed is lost."""
 
     def __init__(self, monkeypatch, left, names, doubts=((1.0,), (2.0,)), best=None):
+        self.dimensions, self.begun = [], []
         self.left, self.doubts, self.grown, self.told, self.limits = left, doubts, [], [], {}
         traces = [SimpleNamespace(number=r, speed=700.0) for r in range(2)]
         self.search = SimpleNamespace(
@@ -37,7 +38,7 @@ class Bench:
         monkeypatch.setattr(patient, "same", lambda one, other: one.name == other.name)
 
     def model(self, held):
-        names = " + ".join(one.name for one in held)
+        names = " + ".join(one.name for one in held) or "nominal"
         return SimpleNamespace(
             names=names, shared=1 + len(held), held=lambda row: names, machine=lambda _: None,
             instrument=lambda _: None,
@@ -49,7 +50,9 @@ class Bench:
 
     def grow(self, start, model, row, limit, patient):
         assert patient
-        self.grown.append((start.trace.number, model.names, start.island))
+        if model.names != "nominal":
+            self.grown.append((start.trace.number, model.names, start.island))
+            self.begun.append(row)
         self.limits.setdefault(model.names, limit)
         left = self.left.get(model.names, (None, None))[start.trace.number]
         return None if left is None or left > limit else (model.names, row, left)
@@ -78,7 +81,7 @@ def hypothesis(name):
 def test_the_effect_that_follows_one_recording_is_fitted_to_all_and_ends_the_search(monkeypatch):
     left = {"friction": (1.1, 1.2), "gravity": (43.0, None)}
     bench = Bench(monkeypatch, left, ["gravity", "friction", "spring"])
-    begin_patiently(bench.search, bench.explanation)
+    begin_patiently(bench.search, bench.explanation, bench.dimensions)
     assert bench.told == [("friction", True)]
     assert [names for _, names, _ in bench.grown] == ["gravity", "friction", "friction"]
     assert bench.limits["friction"] == 43.0  # no worse than gravity does
@@ -88,23 +91,57 @@ def test_the_effect_that_follows_one_recording_is_fitted_to_all_and_ends_the_sea
 def test_the_other_of_two_is_looked_for_beside_what_leaves_least(monkeypatch):
     left = {"bending": (50.0, None), "bending + mass": (0.9, 1.0), "mass": (59.0, None)}
     bench = Bench(monkeypatch, left, ["mass", "bending", "spring"])
-    begin_patiently(bench.search, bench.explanation)
+    begin_patiently(bench.search, bench.explanation, bench.dimensions)
     assert bench.told == [("bending + mass", True)]
     assert bench.limits["bending + mass"] == pytest.approx(15.0)
 
 
 def test_a_part_that_stays_one_is_fitted_to_all_at_last(monkeypatch):
     bench = Bench(monkeypatch, {"bending": (50.0, 55.0)}, ["mass", "bending"])
-    begin_patiently(bench.search, bench.explanation)
+    begin_patiently(bench.search, bench.explanation, bench.dimensions)
     assert bench.told == [("bending", True)]
     assert {r for r, names, _ in bench.grown if names == "mass"} == {0}  # one recording was enough
 
 
 def test_the_next_recording_is_asked_where_one_is_followed_with_nothing(monkeypatch):
     bench = Bench(monkeypatch, {"friction": (None, 1.0)}, ["friction"])
-    begin_patiently(bench.search, bench.explanation)
+    begin_patiently(bench.search, bench.explanation, bench.dimensions)
     assert bench.told == [("friction", False)]  # the first recording is lost with it
     assert [r for r, _, _ in bench.grown] == [0, 1, 0]
+
+
+@pytest.mark.parametrize("explains", [True, False])
+def test_a_nominal_machine_that_was_lost_is_found_at_another_clearance_before_anything_is_added(
+    monkeypatch, explains
+):
+    bench, traced = Bench(monkeypatch, {"nominal": (0.9, None)}, ["friction"]), []
+
+    def retrace_all(clearance):
+        traced.append(clearance)
+        bench.search.clearance = 9.9
+
+    def find_nominal(search, explanation):
+        if explains:
+            explanation.nominal = attempt([], 1.0)
+
+    bench.search.retrace_all = retrace_all
+    monkeypatch.setattr(patient, "find_nominal", find_nominal)
+    begin_patiently(bench.search, bench.explanation, bench.dimensions)
+    assert traced[0] == 3e-4
+    assert bench.search.clearance == (9.9 if explains else 3e-4)
+    assert bool(bench.grown) != explains
+
+
+def test_a_dimension_at_which_the_motion_points_comes_first_with_its_clearance(monkeypatch):
+    bench = Bench(monkeypatch, {"gap": (40.0, None), "gap + bending": (1.0, 1.0)}, ["bending"])
+    bench.dimensions = [
+        SimpleNamespace(hypothesis=hypothesis("gap"), value=3e-4, clearance=5e-4),
+        SimpleNamespace(hypothesis=hypothesis("gain"), value=0.9, clearance=6e-4),
+    ]
+    bench.dimensions[1].hypothesis.fault = "gain"
+    begin_patiently(bench.search, bench.explanation, bench.dimensions)
+    assert [names for _, names, _ in bench.grown] == ["gap", "bending", "gap + bending", "gap + bending"]
+    np.testing.assert_allclose(bench.begun[0], [5e-4, 3e-4, 700.0])
 
 
 @pytest.mark.parametrize(
@@ -113,7 +150,7 @@ def test_the_next_recording_is_asked_where_one_is_followed_with_nothing(monkeypa
 )
 def test_islands_that_are_doubted_much_more_than_the_surest_are_left_out(monkeypatch, doubts, expected):
     bench = Bench(monkeypatch, {}, ["friction"], doubts=(doubts, [99.0]))
-    begin_patiently(bench.search, bench.explanation)
+    begin_patiently(bench.search, bench.explanation, bench.dimensions)
     assert [island for r, _, island in bench.grown if r == 0] == expected
 
 
@@ -127,5 +164,5 @@ def test_what_else_acts_beside_a_named_part_is_asked_first(monkeypatch, left, fa
     part.hypotheses = (hypothesis("load"),)
     part.hypotheses[0].fault = fault
     bench = Bench(monkeypatch, {"load + friction": (1.0, 1.0)}, ["load", "friction"], best=part)
-    begin_patiently(bench.search, bench.explanation)
+    begin_patiently(bench.search, bench.explanation, bench.dimensions)
     assert bench.grown[0][1] == first
