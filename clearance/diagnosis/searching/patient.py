@@ -116,7 +116,7 @@ class _OneRecording:
     def _find_nominal(self, limit: float) -> None:
         """The nominal machine, where it was lost and patience finds it at another clearance."""
         search = self.search
-        found = self._patiently(self.r, (), np.array([search.clearance]), limit, _ISLANDS)
+        found = self._patiently(self.r, (), np.array([search.clearance]), limit)
         if found is None or found[2] > POOR:
             return
         before = (search.clearance, search.traces, search.starts)
@@ -150,7 +150,7 @@ class _OneRecording:
         for one in candidates:
             held = (*before, one.hypothesis)
             known = np.array([one.clearance]) if part is None else part.found[1][:-1]
-            found = self._patiently(self.r, held, np.append(known, one.sizes), limit, _ISLANDS)
+            found = self._patiently(self.r, held, np.append(known, one.sizes), limit)
             if found is not None:
                 trial = _Trial(held, found, one.curve)
                 best = min((one for one in (best, trial) if one is not None), key=lambda one: one.misfit)
@@ -195,44 +195,49 @@ class _OneRecording:
         return found
 
     def _patiently(
-        self, r: int, held: Sequence[Hypothesis], sizes: np.ndarray, limit: float, islands: int
+        self, r: int, held: Sequence[Hypothesis], sizes: np.ndarray, limit: float
     ) -> Followed | None:
-        """Follow a recording from its surest islands; ``sizes``: clearance and what hypotheses begin with."""
-        search = self.search
-        model, label = search.setting.model(held), " + ".join(one.label for one in held) or "nominal"
-        moved = any(one.structural(search.setting.with_clearance(SOME_CLEARANCE)) for one in held)
-
-        def make() -> Followed | None:
-            trace, row = search.traces[r], np.append(sizes, search.traces[r].speed)
-            if moved or r != self.r:
-                trace = search.retrace(r, model.machine(row), model.instrument(row))
-                row[-1] = trace.speed
-
-            def one(start: Start) -> Followed | None:
-                try:
-                    return grow(start, model, row, limit, patient=True)
-                except (InputError, np.linalg.LinAlgError):  # the gap has closed
-                    return None
-
-            starts = Start.several(trace, model.held(row), LOOSENESS, islands)
-            doubted = _LIKELIER * max(FOLLOWED, min((start.doubt for start in starts), default=0.0))
-            starts = [start for start in starts if start.doubt < doubted]
-            found = list[Followed]()
-            for first in range(0, len(starts), search.workers):
-                with ThreadPoolExecutor(search.workers) as pool:
-                    some = pool.map(one, starts[first : first + search.workers])
-                    found += [each for each in some if each is not None]
-                if search.late() or any(each[2] <= POOR for each in found):
-                    break
-            return min(found, key=lambda each: each[2], default=None)
-
+        """Follow a recording, begun from clearance and (sizes,); nothing where that fails."""
+        label = " + ".join(one.label for one in held) or "nominal"
         try:
-            found = search.finished.followed(f"{label} from {sizes} patiently on {r}", make)
+            found = self.search.finished.followed(
+                f"{label} from {sizes} patiently on {r}",
+                lambda: self._followed(r, held, sizes, limit, _ISLANDS),
+            )
         except (InputError, np.linalg.LinAlgError):
             return None
         if found is not None:
-            search.report(f"  {label}: misfit {found[2]:.3g} on one recording")
+            self.search.report(f"  {label}: misfit {found[2]:.3g} on one recording")
         return found
+
+    def _followed(
+        self, r: int, held: Sequence[Hypothesis], sizes: np.ndarray, limit: float, islands: int
+    ) -> Followed | None:
+        """Follow a recording from the surest of its islands."""
+        search, model = self.search, self.search.setting.model(held)
+        trace, row = search.traces[r], np.append(sizes, search.traces[r].speed)
+        plain = search.setting.with_clearance(SOME_CLEARANCE)
+        if r != self.r or any(one.structural(plain) for one in held):
+            trace = search.retrace(r, model.machine(row), model.instrument(row))
+            row[-1] = trace.speed
+
+        def one(start: Start) -> Followed | None:
+            try:
+                return grow(start, model, row, limit, patient=True)
+            except (InputError, np.linalg.LinAlgError):  # the gap has closed
+                return None
+
+        starts = Start.several(trace, model.held(row), LOOSENESS, islands)
+        doubted = _LIKELIER * max(FOLLOWED, min((start.doubt for start in starts), default=0.0))
+        starts = [start for start in starts if start.doubt < doubted]
+        found = list[Followed]()
+        for first in range(0, len(starts), search.workers):
+            with ThreadPoolExecutor(search.workers) as pool:
+                some = pool.map(one, starts[first : first + search.workers])
+                found += [each for each in some if each is not None]
+            if search.late() or any(each[2] <= POOR for each in found):
+                break
+        return min(found, key=lambda each: each[2], default=None)
 
     def _everywhere(self, told: _Trial) -> None:
         """Fit to all recordings what this one tells."""
@@ -245,7 +250,7 @@ class _OneRecording:
             each = {self.r: (alone.followers[0], alone.fit.values[0], alone.misfit)}
             for r in range(len(search.recordings)):
                 if r != self.r:
-                    found = self._patiently(r, told.held, sizes, self._limit(r), _MORE)
+                    found = self._followed(r, told.held, sizes, self._limit(r), _MORE)
                     if found is None:
                         return None
                     each[r] = found
