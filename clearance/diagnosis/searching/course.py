@@ -410,8 +410,8 @@ STEPS: tuple[Callable[[Course], None], ...] = (
     Course.lead, Course.plain, Course.motion, Course.curve_near, Course.joint, Course.build_on,
     Course.together, Course.build_on, Course.balance_near, Course.inside, Course.likely, Course.build_on,
     Course.reshaped, Course.plausible, Course.build_on, Course.unlikely, Course.build_on, Course.curve,
-    Course.elsewhere, Course.build_on, Course.lobes, Course.build_on, Course.patience, Course.build_on,
-    Course.share, Course.unlikely_faults, Course.build_on, Course.pair, Course.build_on,
+    Course.elsewhere, Course.build_on, Course.share, Course.unlikely_faults, Course.build_on,
+    Course.lobes, Course.build_on, Course.patience, Course.build_on, Course.pair, Course.build_on,
     Course.displaced_paths, Course.build_on, Course.other_curve, Course.again, Course.build_on, Course.lost,
 )  # fmt: skip
 """What is likely and cheap first, what is rare and dear last; what explains a part is built on at once."""
