@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from itertools import takewhile
 
 from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import Curve, unnamed
 from clearance.diagnosis.kinematics.shaking import LIFTED
 from clearance.diagnosis.searching.beside import FAR, NEARLY, SHARED
+from clearance.diagnosis.searching.building import build_on
 from clearance.diagnosis.searching.elsewhere import (
     begin_again,
     begin_displaced_paths,
@@ -21,7 +21,6 @@ from clearance.diagnosis.searching.free_search import (
     fit_curve,
     name_curve,
     reshape,
-    reshape_anew,
     suggest_curve,
 )
 from clearance.diagnosis.searching.from_motion import (
@@ -30,7 +29,7 @@ from clearance.diagnosis.searching.from_motion import (
     begin_displaced,
     begin_wear,
 )
-from clearance.diagnosis.searching.from_work import begin_balanced, begin_beside, begin_pairs
+from clearance.diagnosis.searching.from_work import begin_balanced, begin_pairs
 from clearance.diagnosis.searching.geometry import (
     CLOCK,
     GEOMETRIC,
@@ -40,13 +39,12 @@ from clearance.diagnosis.searching.geometry import (
     suggest_dimensions,
 )
 from clearance.diagnosis.searching.nominal import find_nominal
-from clearance.diagnosis.searching.parts import PART, enough, in_part, named, set_aside, unfinished
+from clearance.diagnosis.searching.parts import PART, enough, in_part, named, unfinished
 from clearance.diagnosis.searching.patient import begin_patiently
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.shaken import begin_frame
-from clearance.diagnosis.searching.simplify import enlarge
 from clearance.diagnosis.searching.wear import WORN
 from clearance.diagnosis.searching.widen import deafen, glaring, look, settled, widen
 from clearance.diagnosis.searching.work import Balanced
@@ -312,80 +310,13 @@ class Course:
 
     def build_on(self, part: float = PART) -> None:
         """Beside what explains a good part, the next one, and so on."""
-        with set_aside(self.explanation, self.search.most):
-            before, base = self.nominal, unfinished(self.explanation, self.search.most)
-            while (
-                base not in self.built_on
-                and in_part(self.explanation, base, before, part)
-                and len(base.hypotheses) < self.search.most
-            ):
-                self.built_on.append(base)
-                if base is self.explanation.best:
-                    enlarge(self.search, self.explanation)
-                    if self.explanation.best is not base and not self.over():
-                        begin_again(self.search, self.explanation)  # the smaller variant may have torn paths
-                if self.over():
-                    return
-                beside = self._try_beside(unfinished(self.explanation, self.search.most))
-                if beside is None:
-                    return
-                before, base = beside, unfinished(self.explanation, self.search.most)
-
-    def _try_beside(self, base: Attempt) -> Attempt | None:
-        """Try what may be missing beside an attempt, or beside a better one that a table in its place led to.
-
-        Returns:
-            The attempt beside which it was tried; ``None`` where that is enough.
-        """
-        search, explanation = self.search, self.explanation
-        beside, tables = look(search, explanation, base), list[Attempt]()
-        if base is explanation.best and not beside.obvious:  # else something is there beside the name
-            tables = reshape(search, explanation, base)
-            if self.over():
-                return None
-            if base is not unfinished(explanation, self.search.most):
-                base = unfinished(explanation, self.search.most)
-                beside = look(search, explanation, base)
-        begin_beside(search, explanation, base)
-        if self._settled(base):
-            return None
-        self._widen_beside(base, beside.promising)
-        further = explanation.best is not base and unnamed(explanation.best.hypotheses) is None
-        if further and not self._settled(base):
-            begin_again(search, explanation)
-        if beside.obvious and base is explanation.best and not self._settled(base):
-            tables = reshape(search, explanation, base)
-        if not self._settled(base):
-            reshape_anew(search, explanation, base, tables)
-        if base.misfit > FAR and not self._settled(base):
-            begin_inside(search, explanation, base)
-        if not self._settled(base):
-            begin_elsewhere(search, explanation, base)
-        if NEARLY < base.misfit <= FAR and not self._settled(base):
-            begin_inside(search, explanation, base, anew=True)  # its own paths have bent to what is missing
-        return base
-
-    def _widen_beside(self, base: Attempt, hopeful: Sequence[Hint]) -> None:
-        """Try what promises something beside an attempt, and lobes before what promises less than they do.
-
-        Lobes take up much of what promises more. The motion tells them where the path is far, a look where it
-        is near.
-        """
-        search, explanation, near = self.search, self.explanation, base.misfit < NEARLY
-        first = list(takewhile(lambda hint: hint.hypotheses[0].name != WORN, hopeful))
-        rest = hopeful[len(first) :]
-        widen(search, explanation, base, first)
-        if rest and not (near or self._settled(base)):
-            begin_wear(search, explanation, base)
-        widen(search, explanation, base, rest)
-        if rest and near and not self._settled(base):
-            begin_wear(search, explanation, base)
+        build_on(self.search, self.explanation, self.nominal, self.built_on, part)
 
     def _widen(self, hints: Sequence[Hint]) -> None:
         widen(self.search, self.explanation, self.nominal, hints)
 
-    def _settled(self, base: Attempt | None = None) -> bool:
-        return settled(self.search, self.explanation, base or self.nominal)
+    def _settled(self) -> bool:
+        return settled(self.search, self.explanation, self.nominal)
 
     @cached_property
     def _suspicious(self) -> dict[str, float]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.hypotheses.free_form import FREE_FORM
-from clearance.diagnosis.searching import scrutiny
+from clearance.diagnosis.searching import building, course, scrutiny
 from clearance.diagnosis.searching.course import search_all
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import reshape_anew
@@ -16,8 +16,21 @@ from clearance.diagnosis.searching.widen import Prospects
 from tests.diagnosis.judging.test_verdict import attempt
 
 
+@pytest.fixture
+def stand_in(monkeypatch):
+    """Returns what puts something in the place of a function, in the search and in what it builds on."""
+
+    def put(name, instead):
+        users = [module for module in (course, building) if hasattr(module, name)]
+        assert users, name
+        for module in users:
+            monkeypatch.setattr(module, name, instead)
+
+    return put
+
+
 @pytest.fixture(autouse=True)
-def still(monkeypatch):
+def still(stand_in):
     """Nothing shakes the frame, one clearance, no rails, no force that the balance names, nothing lost."""
     for name in (
         "begin_frame",
@@ -27,7 +40,7 @@ def still(monkeypatch):
         "begin_patiently",
         "find_nominal",
     ):
-        monkeypatch.setattr(f"clearance.diagnosis.searching.course.{name}", lambda *_, **__: None)
+        stand_in(name, lambda *_, **__: None)
 
 
 @pytest.mark.parametrize(
@@ -56,20 +69,19 @@ def test_something_small_that_leaves_most_does_not_end_the_search(nominal, gain,
         (10.0, 7, 0.3, []),  # the nominal path is near: other looks are cheaper
     ],
 )
-def test_a_sensor_that_the_motion_accuses_comes_before_forces(monkeypatch, misfit, channels, left, expected):
+def test_a_sensor_that_the_motion_accuses_comes_before_forces(stand_in, misfit, channels, left, expected):
     asked = []
     nominal = attempt([], misfit)
     search = SimpleNamespace(
         recordings=[SimpleNamespace(channels=("rod_b_axial",) * channels)], late=lambda: len(asked) > 0
     )
-    course = "clearance.diagnosis.searching.course."
-    monkeypatch.setattr(course + "look", lambda *_: Prospects([], [], [], [], []))
-    monkeypatch.setattr(course + "glaring", lambda _: None)
+    stand_in("look", lambda *_: Prospects([], [], [], [], []))
+    stand_in("glaring", lambda _: None)
     for name in ("begin_clock", "begin_displaced", "suggest_dimensions"):
-        monkeypatch.setattr(course + name, lambda *_: [])
-    monkeypatch.setattr(course + "suggest_channels", lambda _: {"rod_b_axial": left})
-    monkeypatch.setattr(course + "deafen", lambda *of: asked.append(of[3]))
-    monkeypatch.setattr(course + "begin_balanced", lambda *_: asked.append("balance") or [])
+        stand_in(name, lambda *_: [])
+    stand_in("suggest_channels", lambda _: {"rod_b_axial": left})
+    stand_in("deafen", lambda *of: asked.append(of[3]))
+    stand_in("begin_balanced", lambda *_: asked.append("balance") or [])
     search.most = 3
     search_all(search, Explanation(nominal), lambda _: None)
     assert asked == [*expected, *([] if expected else ["balance"])]
@@ -90,7 +102,7 @@ def test_kinds_of_a_sensors_fault_are_compared_up_to_the_one_that_was_found(monk
 
 
 @pytest.mark.parametrize(("misfit", "expected"), [(1.02, []), (5.0, ["sensor_gain + worn_bearing"])])
-def test_two_parts_that_do_not_explain_are_followed_on_paths_of_their_own(monkeypatch, misfit, expected):
+def test_two_parts_that_do_not_explain_are_followed_on_paths_of_their_own(stand_in, misfit, expected):
     again = []
     nominal = attempt([], 40.0)
     explanation = Explanation(nominal, [attempt(["sensor_gain"], 11.0)])
@@ -101,13 +113,12 @@ def test_two_parts_that_do_not_explain_are_followed_on_paths_of_their_own(monkey
             pair.label = "sensor_gain + worn_bearing"
             explanation.attempts.append(pair)
 
-    course = "clearance.diagnosis.searching.course."
     prospects = Prospects([], [], [], [], [])
     for name in ("glaring", "enlarge", "reshape", "reshape_anew", "begin_elsewhere", "begin_clock"):
-        monkeypatch.setattr(course + name, lambda *_: None)
-    monkeypatch.setattr(course + "look", lambda *_: prospects)
-    monkeypatch.setattr(course + "widen", widen)
-    monkeypatch.setattr(course + "begin_again", lambda _, found: again.append(found.best.label))
+        stand_in(name, lambda *_: None)
+    stand_in("look", lambda *_: prospects)
+    stand_in("widen", widen)
+    stand_in("begin_again", lambda _, found: again.append(found.best.label))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(again) > 0)
     search.most = 3
     search_all(search, explanation, lambda _: None)
@@ -118,18 +129,16 @@ def test_two_parts_that_do_not_explain_are_followed_on_paths_of_their_own(monkey
     ("obvious", "expected"),
     [(True, ["balance", "beside", "table"]), (False, ["table", "balance", "beside"])],
 )
-def test_what_promises_most_beside_a_part_comes_before_a_table_in_its_place(
-    monkeypatch, fruitless, obvious, expected
-):
+def test_what_promises_most_beside_a_part_comes_before_a_table_in_its_place(fruitless, obvious, expected):
     asked = []
     nominal, gravity = attempt([], 40.0), attempt(["gravity"], 2.0)
     hint = SimpleNamespace(hypotheses=(SimpleNamespace(name="soft_drive", fault=None, channel=None),))
     beside = Prospects([hint], [], [], [], []) if obvious else Prospects([], [hint], [], [], [])
     none = Prospects([], [], [], [], [])
-    monkeypatch.setattr(fruitless + "look", lambda _, __, base: none if base is nominal else beside)
-    monkeypatch.setattr(fruitless + "reshape", lambda *_: asked.append("table"))
-    monkeypatch.setattr(fruitless + "begin_beside", lambda *_: asked.append("balance"))
-    monkeypatch.setattr(fruitless + "widen", lambda *of: asked.append("beside") if of[3] == [hint] else None)
+    fruitless("look", lambda _, __, base: none if base is nominal else beside)
+    fruitless("reshape", lambda *_: asked.append("table"))
+    fruitless("begin_beside", lambda *_: asked.append("balance"))
+    fruitless("widen", lambda *of: asked.append("beside") if of[3] == [hint] else None)
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(asked) > 2)
     search.most = 3
     search_all(search, Explanation(nominal, [gravity]), lambda _: None)
@@ -143,28 +152,25 @@ def test_what_promises_most_beside_a_part_comes_before_a_table_in_its_place(
         (2.0, [["slider_offset"], ["worn_bearing", "guide_friction"], "wear"]),  # a look tells them, if near
     ],
 )
-def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(monkeypatch, left, expected):
+def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(stand_in, left, expected):
     asked = []
     nominal, gravity = attempt([], 40.0), attempt(["gravity"], left)
     hints = [
         SimpleNamespace(hypotheses=(SimpleNamespace(name=name, fault=None),))
         for name in ("slider_offset", "worn_bearing", "guide_friction")
     ]
-    course = "clearance.diagnosis.searching.course."
     for name in (
         "glaring", "enlarge", "reshape", "reshape_anew", "begin_elsewhere", "begin_again", "begin_clock",
         "begin_displaced", "suggest_channels", "suggest_dimensions",
     ):  # fmt: skip
-        monkeypatch.setattr(course + name, lambda *_: {})
+        stand_in(name, lambda *_: {})
     none = Prospects([], [], [], [], [])
-    monkeypatch.setattr(
-        course + "look",
+    stand_in(
+        "look",
         lambda _, __, base: none if base is nominal else Prospects([], hints[:1], hints[1:], [], []),
     )
-    monkeypatch.setattr(
-        course + "widen", lambda _, __, ___, some: asked.append([h.hypotheses[0].name for h in some])
-    )
-    monkeypatch.setattr(course + "begin_wear", lambda *_: asked.append("wear"))
+    stand_in("widen", lambda _, __, ___, some: asked.append([h.hypotheses[0].name for h in some]))
+    stand_in("begin_wear", lambda *_: asked.append("wear"))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(asked) > 2)
     search.most = 3
     search_all(search, Explanation(nominal, [gravity]), lambda _: None)
@@ -190,38 +196,35 @@ def test_a_table_in_an_effect_s_place_is_sought_anew_where_its_path_is_far(monke
 
 
 @pytest.fixture
-def fruitless(monkeypatch):
-    """Every step finds nothing; returns the name of their module."""
-    course = "clearance.diagnosis.searching.course."
+def fruitless(stand_in):
+    """Every step finds nothing; returns ``stand_in``."""
     for name in (
         "glaring", "enlarge", "reshape", "reshape_anew", "begin_elsewhere", "begin_again", "begin_inside",
         "begin_clock", "begin_dimensions", "begin_displaced", "begin_wear", "begin_plausible", "widen",
         "fit_curve",
     ):  # fmt: skip
-        monkeypatch.setattr(course + name, lambda *_, **__: None)
+        stand_in(name, lambda *_, **__: None)
     for name in ("begin_balanced", "begin_pairs"):
-        monkeypatch.setattr(course + name, lambda *_: [])
-    monkeypatch.setattr(course + "suggest_channels", lambda _: {})
-    monkeypatch.setattr(course + "suggest_dimensions", lambda *_: [])
-    monkeypatch.setattr(course + "suggest_curve", lambda *_: ([], np.inf))
+        stand_in(name, lambda *_: [])
+    stand_in("suggest_channels", lambda _: {})
+    stand_in("suggest_dimensions", lambda *_: [])
+    stand_in("suggest_curve", lambda *_: ([], np.inf))
     prospects = Prospects([], [], [], [], [])
-    monkeypatch.setattr(course + "look", lambda *_: prospects)
-    return course
+    stand_in("look", lambda *_: prospects)
+    return stand_in
 
 
 @pytest.mark.parametrize(
     ("misfit", "unpushed", "most"), [(700.0, True, [np.inf]), (700.0, False, [0.95]), (10.0, False, [])]
 )
-def test_lobes_are_asked_once_at_last_though_a_force_may_be_missing(
-    monkeypatch, fruitless, misfit, unpushed, most
-):
+def test_lobes_are_asked_once_at_last_though_a_force_may_be_missing(fruitless, misfit, unpushed, most):
     """By the rod's four sensors the work would show no force below 3 N, and lobes of 36 um were not asked."""
     asked = []
-    monkeypatch.setattr(fruitless + "begin_wear", lambda *_, most=np.inf: asked.append(most))
+    fruitless("begin_wear", lambda *_, most=np.inf: asked.append(most))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
     search.most = 2
-    monkeypatch.setattr(fruitless + "find_nominal", lambda *_: None)
-    monkeypatch.setattr(fruitless + "begin_displaced_paths", lambda *_: None)
+    fruitless("find_nominal", lambda *_: None)
+    fruitless("begin_displaced_paths", lambda *_: None)
     search_all(search, Explanation(attempt([], misfit), unpushed=unpushed), lambda _: None)
     assert asked == most
 
@@ -236,9 +239,9 @@ def test_lobes_are_asked_once_at_last_though_a_force_may_be_missing(
         (700.0, 700.0, "rails", False),  # measured: a slider that is loose is followed otherwise
     ],
 )
-def test_patience_is_for_what_nothing_follows(monkeypatch, fruitless, misfit, best, rails, expected):
+def test_patience_is_for_what_nothing_follows(fruitless, misfit, best, rails, expected):
     asked = []
-    monkeypatch.setattr(fruitless + "begin_patiently", lambda *_: asked.append("patience"))
+    fruitless("begin_patiently", lambda *_: asked.append("patience"))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False, most=1)
     attempts = [attempt(["rod_flexibility"], best)] if best < misfit else []
     search_all(search, Explanation(attempt([], misfit), attempts, rails=rails), lambda _: None)
@@ -248,15 +251,11 @@ def test_patience_is_for_what_nothing_follows(monkeypatch, fruitless, misfit, be
 @pytest.mark.parametrize(
     ("left", "expected"), [(700.0, ["inside", "elsewhere"]), (15.0, ["elsewhere", "inside"])]
 )
-def test_what_acts_inside_the_joint_is_asked_first_beside_a_part_that_is_far(
-    monkeypatch, fruitless, left, expected
-):
+def test_what_acts_inside_the_joint_is_asked_first_beside_a_part_that_is_far(fruitless, left, expected):
     asked, nominal, clock = [], attempt([], 8000.0), attempt(["timebase"], left)
     clock.fit.values = np.zeros((1, 3))
     for name in ("inside", "elsewhere"):
-        monkeypatch.setattr(
-            fruitless + f"begin_{name}", lambda _, __, base, name=name, **how: asked.append((name, base))
-        )
+        fruitless(f"begin_{name}", lambda _, __, base, name=name, **how: asked.append((name, base)))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
     search.most = 2
     search_all(search, Explanation(nominal, [clock]), lambda _: None)
@@ -272,12 +271,12 @@ def test_what_acts_inside_the_joint_is_asked_first_beside_a_part_that_is_far(
     ],
 )
 def test_beside_a_far_path_the_balance_of_work_comes_first_beside_a_near_one_plain_names_then_curves(
-    monkeypatch, fruitless, misfit, found, order
+    fruitless, misfit, found, order
 ):
     asked = []
-    monkeypatch.setattr(fruitless + "begin_balanced", lambda *_: asked.append("balance") or [])
-    monkeypatch.setattr(fruitless + "widen", lambda *_: asked.append("names"))
-    monkeypatch.setattr(fruitless + "suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
+    fruitless("begin_balanced", lambda *_: asked.append("balance") or [])
+    fruitless("widen", lambda *_: asked.append("names"))
+    fruitless("suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
     for one in found:
         one.fit.values = np.zeros((1, 3))
@@ -287,22 +286,20 @@ def test_beside_a_far_path_the_balance_of_work_comes_first_beside_a_near_one_pla
     assert list(dict.fromkeys(asked)) == order
 
 
-def test_what_promises_most_comes_before_the_balance_of_work_and_no_dimension_is_tried_twice(
-    monkeypatch, fruitless
-):
+def test_what_promises_most_comes_before_the_balance_of_work_and_no_dimension_is_tried_twice(fruitless):
     asked = []
     tried, other = [
         SimpleNamespace(hypothesis=SimpleNamespace(name=name, fault=None), share=0.5)
         for name in ("slider_offset", "second_clearance")
     ]
     hint = SimpleNamespace(hypotheses=(SimpleNamespace(name="gravity", fault=None, channel=None),))
-    monkeypatch.setattr(fruitless + "look", lambda *_: Prospects([hint], [], [], [], []))
-    monkeypatch.setattr(fruitless + "widen", lambda *of: asked.append("obvious") if of[3] == [hint] else None)
-    monkeypatch.setattr(fruitless + "suggest_dimensions", lambda *_: [tried, other])
-    monkeypatch.setattr(fruitless + "begin_displaced", lambda *_: asked.append("displaced") or tried)
-    monkeypatch.setattr(fruitless + "begin_balanced", lambda *_: asked.append("balance") or [])
-    monkeypatch.setattr(
-        fruitless + "begin_dimensions",
+    fruitless("look", lambda *_: Prospects([hint], [], [], [], []))
+    fruitless("widen", lambda *of: asked.append("obvious") if of[3] == [hint] else None)
+    fruitless("suggest_dimensions", lambda *_: [tried, other])
+    fruitless("begin_displaced", lambda *_: asked.append("displaced") or tried)
+    fruitless("begin_balanced", lambda *_: asked.append("balance") or [])
+    fruitless(
+        "begin_dimensions",
         lambda _, __, those, before: asked.append([one.hypothesis.name for one in those if one is before]),
     )
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
@@ -312,13 +309,9 @@ def test_what_promises_most_comes_before_the_balance_of_work_and_no_dimension_is
 
 
 @pytest.mark.parametrize(("misfit", "expected"), [(5.3, ["joint_lubrication"]), (9.0, [])])
-def test_one_of_two_that_share_what_is_missing_is_looked_beside_at_last(
-    monkeypatch, fruitless, misfit, expected
-):
+def test_one_of_two_that_share_what_is_missing_is_looked_beside_at_last(fruitless, misfit, expected):
     beside = []
-    monkeypatch.setattr(
-        fruitless + "begin_beside", lambda _, __, base: beside.extend(h.name for h in base.hypotheses)
-    )
+    fruitless("begin_beside", lambda _, __, base: beside.extend(h.name for h in base.hypotheses))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(beside) > 0)
     explanation = Explanation(attempt([], 12.2), [attempt(["joint_lubrication"], misfit)])
     search.most = 3
@@ -327,11 +320,9 @@ def test_one_of_two_that_share_what_is_missing_is_looked_beside_at_last(
 
 
 @pytest.mark.parametrize(("misfit", "expected"), [(1.02, 0), (3.1, 1)])
-def test_what_is_nearly_explained_is_fitted_again_on_paths_of_its_own(
-    monkeypatch, fruitless, misfit, expected
-):
+def test_what_is_nearly_explained_is_fitted_again_on_paths_of_its_own(fruitless, misfit, expected):
     again = []
-    monkeypatch.setattr(fruitless + "begin_again", lambda _, found: again.append(found.best))
+    fruitless("begin_again", lambda _, found: again.append(found.best))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
     pair = attempt(["second_clearance", "joint_friction"], misfit)
     search.most = 2
@@ -340,10 +331,10 @@ def test_what_is_nearly_explained_is_fitted_again_on_paths_of_its_own(
 
 
 @pytest.mark.parametrize(("misfit", "most", "expected"), [(3.4, 2, 3), (3.4, 1, 0), (5.0, 2, 0)])
-def test_two_that_promise_much_together_come_before_tables(monkeypatch, fruitless, misfit, most, expected):
+def test_two_that_promise_much_together_come_before_tables(fruitless, misfit, most, expected):
     hints, asked = list(range(5)), []
-    monkeypatch.setattr(fruitless + "look", lambda *_: Prospects([], [], [], [], [], hints))
-    monkeypatch.setattr(fruitless + "suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
+    fruitless("look", lambda *_: Prospects([], [], [], [], [], hints))
+    fruitless("suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
     search = SimpleNamespace(
         recordings=[SimpleNamespace(channels=())], late=lambda: False, most=most,
         follow=lambda explanation, base, hint: asked.append(hint),
@@ -357,27 +348,26 @@ def test_two_that_promise_much_together_come_before_tables(monkeypatch, fruitles
     [("worn_bearing", False, ["wear"]), ("gravity", True, ["wear"]), ("gravity", False, [])],
 )
 def test_lobes_are_read_off_the_motion_where_a_look_promises_them_or_no_force_helps(
-    monkeypatch, hinted, unpushed, expected
+    stand_in, hinted, unpushed, expected
 ):
     asked = []
-    course = "clearance.diagnosis.searching.course."
     hint = SimpleNamespace(hypotheses=(SimpleNamespace(name=hinted, fault=None),))
     prospects = Prospects([], [hint], [], [], [])
-    monkeypatch.setattr(course + "look", lambda *_: prospects)
-    monkeypatch.setattr(course + "glaring", lambda _: None)
+    stand_in("look", lambda *_: prospects)
+    stand_in("glaring", lambda _: None)
     for name in ("suggest_channels", "suggest_dimensions"):
-        monkeypatch.setattr(course + name, lambda *_: {})
-    monkeypatch.setattr(course + "settled", lambda *_: False)
+        stand_in(name, lambda *_: {})
+    stand_in("settled", lambda *_: False)
     for name in ("balanced", "dimensions", "inside", "plausible"):
-        monkeypatch.setattr(course + f"begin_{name}", lambda *_: [])
-    monkeypatch.setattr(course + "widen", lambda *_: None)
-    monkeypatch.setattr(course + "begin_wear", lambda *_: asked.append("wear"))
+        stand_in(f"begin_{name}", lambda *_: [])
+    stand_in("widen", lambda *_: None)
+    stand_in("begin_wear", lambda *_: asked.append("wear"))
     search = SimpleNamespace(
         recordings=[SimpleNamespace(channels=("rod_b_axial",))], late=lambda: len(asked) > 0
     )
-    monkeypatch.setattr(course + "fit_curve", lambda *_: None)
-    monkeypatch.setattr(course + "suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
-    monkeypatch.setattr(course + "begin_elsewhere", lambda *_: None)
+    stand_in("fit_curve", lambda *_: None)
+    stand_in("suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
+    stand_in("begin_elsewhere", lambda *_: None)
     nominal = attempt([], 10.0)
     search.most = 3
     search_all(search, Explanation(nominal, unpushed=unpushed), lambda _: None)
@@ -393,15 +383,15 @@ def test_lobes_are_read_off_the_motion_where_a_look_promises_them_or_no_force_he
     ],
 )
 def test_rails_beyond_doubt_come_before_any_force_and_are_not_followed_twice(
-    monkeypatch, fruitless, misfit, seen, expected
+    fruitless, misfit, seen, expected
 ):
     def guide(search, explanation, most=1.0):
         asked.append("guide" if most == 1.0 else "rails")
         return seen
 
     asked = []
-    monkeypatch.setattr(fruitless + "begin_guide", guide)
-    monkeypatch.setattr(fruitless + "begin_balanced", lambda *_: asked.append("balance") or [])
+    fruitless("begin_guide", guide)
+    fruitless("begin_balanced", lambda *_: asked.append("balance") or [])
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
     search.most = 1
     search_all(search, Explanation(attempt([], misfit)), lambda _: None)
@@ -418,16 +408,16 @@ def test_rails_beyond_doubt_come_before_any_force_and_are_not_followed_twice(
     ],
 )
 def test_rails_are_looked_for_by_the_clock_or_dimension_that_the_motion_accuses(
-    monkeypatch, fruitless, name, fault, channel, beside
+    fruitless, name, fault, channel, beside
 ):
     def guide(search, explanation, shown=None, most=1.0):
         asked.append(shown)
         return shown is not None
 
     asked, accused = [], SimpleNamespace(hypothesis=SimpleNamespace(name=name, fault=fault), share=0.4)
-    monkeypatch.setattr(fruitless + "begin_guide", guide)
-    monkeypatch.setattr(fruitless + "suggest_dimensions", lambda *_: [accused])
-    monkeypatch.setattr(fruitless + "Shown", SimpleNamespace(alone=lambda search, one: one))
+    fruitless("begin_guide", guide)
+    fruitless("suggest_dimensions", lambda *_: [accused])
+    fruitless("Shown", SimpleNamespace(alone=lambda search, one: one))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=(channel,))], late=lambda: False)
     search.most = 2
     explanation = Explanation(attempt([], 30.0))
