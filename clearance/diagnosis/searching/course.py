@@ -53,7 +53,6 @@ _HALF = 0.5  # of what is missing: a named force that leaves less may stand for 
 _FAULTS = 2  # channels without which a fit is tried because the motion contradicts them
 _MANY, _ACCUSED = 7, 0.4  # channels of which one can be spared; left of the motion's disagreement without it
 _RAILED = 0.35  # of the motion's disagreement: rails that leave less come before any force
-_LOBED = 0.95  # of the motion's disagreement: lobes that leave more are none
 _PAIRS = 3  # pairs that are fitted
 _CLEAR = 3  # pairs that a look is clear about
 
@@ -93,7 +92,7 @@ class Course:
         self.pushed: list[Balanced] = []
         self.deafened: list[str] = []
         self.displaced: Dimension | None = None
-        self.curved = self.explored = self.railed = self.worn = False
+        self.curved = self.explored = self.railed = False
 
     def over(self) -> bool:
         """Whether the recordings are explained well enough, or time is over."""
@@ -217,7 +216,6 @@ class Course:
         """Where no force gives the torque, a worn bearing, and effects that no linear look can judge."""
         unpushed = self.explanation.unpushed
         if unpushed or any(hint.hypotheses[0].name == WORN for hint in self.prospects.promising):
-            self.worn = True
             begin_wear(self.search, self.explanation, self.nominal)
         if unpushed and self.nominal.misfit > FAR and not self._settled():
             self.elsewhere()
@@ -274,11 +272,6 @@ class Course:
     def unlikely_faults(self) -> None:
         """Faults that promised little."""
         self._widen([h for h in self.prospects.unlikely if h.hypotheses[0].fault is not None])
-
-    def lobes(self) -> None:
-        """A worn bearing that the motion shows, though a force may be missing for all that the work tells."""
-        if self.nominal.misfit > FAR and not (self.worn or self.built_on or self._settled()):
-            begin_wear(self.search, self.explanation, self.nominal, most=_LOBED)
 
     def pair(self) -> None:
         """Pairs of which neither shows without the other."""
@@ -342,7 +335,7 @@ STEPS: tuple[Callable[[Course], None], ...] = (
     Course.together, Course.build_on, Course.balance_near, Course.inside, Course.likely, Course.build_on,
     Course.reshaped, Course.plausible, Course.build_on, Course.unlikely, Course.build_on, Course.curve,
     Course.elsewhere, Course.build_on, Course.share, Course.unlikely_faults, Course.build_on,
-    Course.lobes, Course.build_on, Course.patience, Course.build_on, Course.pair, Course.build_on,
+    Course.patience, Course.build_on, Course.pair, Course.build_on,
     Course.displaced_paths, Course.build_on, Course.other_curve, Course.again, Course.build_on, Course.lost,
 )  # fmt: skip
 """What is likely and cheap first, what is rare and dear last; what explains a part is built on at once."""

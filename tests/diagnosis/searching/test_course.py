@@ -215,21 +215,6 @@ def fruitless(stand_in):
 
 
 @pytest.mark.parametrize(
-    ("misfit", "unpushed", "most"), [(700.0, True, [np.inf]), (700.0, False, [0.95]), (10.0, False, [])]
-)
-def test_lobes_are_asked_once_at_last_though_a_force_may_be_missing(fruitless, misfit, unpushed, most):
-    """By the rod's four sensors the work would show no force below 3 N, and lobes of 36 um were not asked."""
-    asked = []
-    fruitless("begin_wear", lambda *_, most=np.inf: asked.append(most))
-    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
-    search.most = 2
-    fruitless("find_nominal", lambda *_: None)
-    fruitless("begin_displaced_paths", lambda *_: None)
-    search_all(search, Explanation(attempt([], misfit), unpushed=unpushed), lambda _: None)
-    assert asked == most
-
-
-@pytest.mark.parametrize(
     ("misfit", "best", "rails", "expected"),
     [
         (700.0, 700.0, None, True),

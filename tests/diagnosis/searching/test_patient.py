@@ -35,6 +35,7 @@ class Bench:
         monkeypatch.setattr(patient, "refine", self.refine)
         monkeypatch.setattr(patient, "ThreadPoolExecutor", lambda _: nullcontext(SimpleNamespace(map=map)))
         monkeypatch.setattr(patient._OneRecording, "_tables", lambda _: [])
+        monkeypatch.setattr(patient, "suggest_wear", lambda *_: None)
         monkeypatch.setattr(patient, "same", lambda one, other: one.name == other.name)
 
     def model(self, held):
@@ -130,6 +131,23 @@ def test_a_nominal_machine_that_was_lost_is_found_at_another_clearance_before_an
     assert traced[0] == 3e-4
     assert bench.search.clearance == (9.9 if explains else 3e-4)
     assert bool(bench.grown) != explains
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.9, ["lobes", "lobes"]), (0.96, [])])
+def test_lobes_at_which_the_motion_points_come_first_and_larger_in_less_clearance(
+    monkeypatch, share, expected
+):
+    """By the rod's four sensors it shows 21 um of 36, in 0.284 mm of 0.223."""
+    bench = Bench(monkeypatch, {"friction": (1.0, 1.0)}, ["friction"])
+    shown = SimpleNamespace(
+        hypothesis=hypothesis("lobes"), values=np.array([2e-5, 3.0, -2.4]), clearance=3e-4, share=share
+    )
+    monkeypatch.setattr(patient, "suggest_wear", lambda *_: shown)
+    begin_patiently(bench.search, bench.explanation, bench.dimensions)
+    assert [names for _, names, _ in bench.grown] == [*expected, "friction", "friction"]
+    if expected:
+        np.testing.assert_allclose(bench.begun[0], [3e-4, 2e-5, 3.0, -2.4, 700.0])
+        np.testing.assert_allclose(bench.begun[1], [2.64e-4, 2.9e-5, 3.0, -2.4, 700.0])
 
 
 def test_a_dimension_at_which_the_motion_points_comes_first_with_its_clearance(monkeypatch):
