@@ -92,6 +92,9 @@ def suggest_curve(search: Search, base: Attempt) -> tuple[list[Curve], float]:
     ]
     first = [curve for curves in each.values() for curve in curves[:_FIRST] if curve not in inside]
     trials.add([*inside, *first])
+    if trials.best is not None and trials.best.misfit > NEARLY:  # the place may be right, the argument not
+        place = trials.best.curve.body, trials.best.curve.direction
+        trials.add([curve for curve in each[place][_FIRST:] if curve not in inside])
     best = trials.best
     if best is None:
         return [], base.misfit
@@ -107,15 +110,16 @@ def suggest_curve(search: Search, base: Attempt) -> tuple[list[Curve], float]:
         said, left = as_function_of(force, arguments[other.argument], other)
         followed = trials.followed.get((other.body, other.direction, other.argument))
         if followed is not None:
-            said, left = followed, 0.0
+            said, left = followed.curve, 0.0
         if left < _SAID:
             try:
                 level, forces = trials.beside_all(said)
             except (InputError, np.linalg.LinAlgError):
                 continue
             search.report(f"  as a function of {other.argument}: {level * ANNEALING[3] ** 2:.3g}")
-            ranked.append((level, replace(other, forces=forces)))
-    return [curve for _, curve in sorted(ranked, key=lambda one: one[0])], best.misfit
+            far = followed is None or followed.misfit > NEARLY  # on torn paths others seem to leave less
+            ranked.append((far, level, replace(other, forces=forces)))
+    return [curve for *_, curve in sorted(ranked, key=lambda one: one[:2])], best.misfit
 
 
 def fit_curve(search: Search, explanation: Explanation, curves: Sequence[Curve]) -> None:
@@ -267,7 +271,7 @@ class _Trials:
         row = base.fit.values[self.surest]
         self.least = _LESS * self._beside(base.model, row).level
         self.best: Suggestion | None = None
-        self.followed: dict[tuple[str, str, str], Curve] = {}
+        self.followed: dict[tuple[str, str, str], Suggestion] = {}
 
     def add(self, curves: Iterable[Curve]) -> None:
         """Try each curve beside the base's path, and follow with those that leave clearly less."""
@@ -316,8 +320,8 @@ class _Trials:
             return
         assert found is not None  # without a limit none is given up: a table comes right late
         self.search.report(f"  {label}: misfit {found[2]:.3g} on one recording")
-        followed = replace(curve, forces=found[1][1:-1])
-        if found[2] < self.base.misfit:
+        followed = Suggestion(replace(curve, forces=found[1][1:-1]), *found)
+        if followed.misfit < self.base.misfit:
             self.followed[curve.body, curve.direction, curve.argument] = followed
-        if found[2] < (self.base.misfit if self.best is None else self.best.misfit):
-            self.best = Suggestion(followed, *found)
+            if self.best is None or followed.misfit < self.best.misfit:
+                self.best = followed

@@ -78,7 +78,7 @@ class _Candidate(NamedTuple):
 
 
 def begin_patiently(search: Search, explanation: Explanation, dimensions: Sequence[Dimension]) -> None:
-    """Follow effects patiently on one recording, fit what follows it to all; else on the next recording.
+    """Follow what the motion shows on each recording, then effects on one; fit what follows it to all.
 
     Args:
         search: after its nominal stage.
@@ -87,8 +87,13 @@ def begin_patiently(search: Search, explanation: Explanation, dimensions: Sequen
     """
     search.report("nothing is followed yet: one effect after another is tried with patience")
     shown = [*_lobes(search), *_displaced(dimensions)]
-    for r in np.argsort([start.doubt for start in search.starts]):
-        one = _OneRecording(search, explanation, int(r), shown)
+    surest_first = np.argsort([start.doubt for start in search.starts])
+    each = [_OneRecording(search, explanation, int(r)) for r in surest_first]
+    for one in each:
+        one.search_shown(shown)
+        if one.over():
+            return
+    for one in each:
         one.search_all()
         if one.best is not None or one.over():
             return
@@ -124,19 +129,27 @@ def _displaced(dimensions: Sequence[Dimension]) -> list[_Candidate]:
 class _OneRecording:
     """What is tried on one recording; ``best`` is what it was followed best with, if with anything."""
 
-    def __init__(self, search: Search, explanation: Explanation, r: int, shown: Sequence[_Candidate]) -> None:
-        self.search, self.explanation, self.r, self.shown = search, explanation, r, shown
+    def __init__(self, search: Search, explanation: Explanation, r: int) -> None:
+        self.search, self.explanation, self.r = search, explanation, r
+        self.limit = self._limit(r)
         self.best: _Trial | None = None
 
-    def search_all(self) -> None:
-        """The nominal machine; single effects, forces of free form, then others beside the best effect."""
-        limit, named = self._limit(self.r), self._named()
-        self._find_nominal(limit)
-        if named is not None and not self.over():
-            self._each(self._names(named), named, limit)
-        part = None if self.over() else self._each([*self.shown, *self._names(None)], None, limit)
+    def search_shown(self, shown: Iterable[_Candidate]) -> None:
+        """The nominal machine, then effects as the motion shows them."""
+        self._find_nominal(self.limit)
         if not self.over():
-            self._each(self._tables(), None, limit)
+            self._each(shown, None, self.limit)
+
+    def search_all(self) -> None:
+        """Others beside a name; single effects, forces of free form, then others beside the best effect."""
+        named, part = self._named(), self.best
+        if named is not None:
+            self._each(self._names(named), named, self.limit)
+        if not self.over():
+            limit = self.limit if part is None else max(min(self.limit, part.misfit), POOR)
+            part = self._each(self._names(None), None, limit) or part
+        if not self.over():
+            self._each(self._tables(), None, self.limit)
         while part is not None and len(part.held) < self.search.most and not self.over():
             part = self._each(self._names(part), part, max(_LESS * part.misfit, POOR))
         if self.best is not None and self.best.misfit > _NEAR and not self.over():

@@ -133,7 +133,7 @@ def test_a_nominal_machine_that_was_lost_is_found_at_another_clearance_before_an
     assert bool(bench.grown) != explains
 
 
-@pytest.mark.parametrize(("share", "expected"), [(0.9, ["lobes", "lobes"]), (0.96, [])])
+@pytest.mark.parametrize(("share", "expected"), [(0.9, [0, 0, 1, 1]), (0.96, [])])
 def test_lobes_at_which_the_motion_points_come_first_and_larger_in_less_clearance(
     monkeypatch, share, expected
 ):
@@ -144,7 +144,8 @@ def test_lobes_at_which_the_motion_points_come_first_and_larger_in_less_clearanc
     )
     monkeypatch.setattr(patient, "suggest_wear", lambda *_: shown)
     begin_patiently(bench.search, bench.explanation, bench.dimensions)
-    assert [names for _, names, _ in bench.grown] == [*expected, "friction", "friction"]
+    assert [r for r, names, _ in bench.grown if names == "lobes"] == expected
+    assert [names for _, names, _ in bench.grown][len(expected) :] == ["friction", "friction"]
     if expected:
         np.testing.assert_allclose(bench.begun[0], [3e-4, 2e-5, 3.0, -2.4, 700.0])
         np.testing.assert_allclose(bench.begun[1], [2.64e-4, 2.9e-5, 3.0, -2.4, 700.0])
@@ -158,7 +159,13 @@ def test_a_dimension_at_which_the_motion_points_comes_first_with_its_clearance(m
     ]
     bench.dimensions[1].hypothesis.fault = "gain"
     begin_patiently(bench.search, bench.explanation, bench.dimensions)
-    assert [names for _, names, _ in bench.grown] == ["gap", "bending", "gap + bending", "gap + bending"]
+    assert [names for _, names, _ in bench.grown] == [
+        "gap",
+        "gap",
+        "bending",
+        "gap + bending",
+        "gap + bending",
+    ]
     np.testing.assert_allclose(bench.begun[0], [5e-4, 3e-4, 700.0])
 
 
