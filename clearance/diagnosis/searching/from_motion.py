@@ -138,6 +138,7 @@ def begin_wear(
     base: Attempt,
     forces: Sequence[Hypothesis] = (),
     sizes: np.ndarray | None = None,
+    most: float = np.inf,
 ) -> None:
     """Fit a worn bearing beside ``base``, from the lobes that the motion shows, on paths sought anew.
 
@@ -150,6 +151,7 @@ def begin_wear(
         base: what explains a part.
         forces: that are fitted beside it, too.
         sizes: (unknowns,) of these.
+        most: of the motion's disagreement that lobes may leave.
     """
     sizes = np.zeros(0) if sizes is None else sizes
     known = np.append(base.fit.values[0, 1 : base.model.shared], sizes)
@@ -157,7 +159,7 @@ def begin_wear(
         one = suggest_wear(search, [*base.hypotheses, *forces], known)
     except (InputError, np.linalg.LinAlgError):
         return
-    if one is None:
+    if one is None or one.share > most:
         return
     shown = ", ".join(f"{value:.3g}" for value in one.values)
     search.report(
