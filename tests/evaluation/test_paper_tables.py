@@ -100,20 +100,20 @@ def test_a_training_of_the_papers_scale_is_not_called_reduced(tmp_path):
     assert reductions(found) == {}
     text = results({one.training: one for one in found}, {})
     assert "**Scale: as in the paper.**" in text
-    assert "Reduced" not in text
+    assert "Smaller" not in text
 
 
 def test_the_report_says_scale_hardware_seeds_and_date_and_what_is_missing(reduced, tmp_path):
     write_results(reduced, tmp_path / "R.md", tmp_path / "pictures", {})
     text = (tmp_path / "R.md").read_text()
-    assert "**Scale: reduced.**" in text
+    assert "**Scale: smaller than the paper's.**" in text
     assert "- `trainer.loss._target_`: L1Loss (paper: MSELoss)" in text
     assert "- `model.net.filters`: 64 (paper: 256); TDNN\n" in text
     assert "12 trainings, 20" in text
     assert "P, 2 threads (torch 2)" in text
     assert "Seeds of the splits: 42, 98, 1024; of the initial weights: 42, 98" in text
     assert (
-        text.count("*Reduced scale: 150 recordings") == 5
+        text.count("*Smaller than the paper's scale: 150 recordings") == 5
     )  # tables 6 and 9, variants, decimation, placement
     assert text.count("Not measured yet.") == 3  # tables 5, 7 and 8
     rows = json.loads((tmp_path / "pictures/study.json").read_text())

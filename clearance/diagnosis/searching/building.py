@@ -45,18 +45,22 @@ def build_on(
                     begin_again(search, explanation)  # the smaller variant may have torn paths
             if _over(search, explanation):
                 return
-            beside = _try_beside(search, explanation, unfinished(explanation, search.most))
+            beside = _try_beside(search, explanation, built_on)
             if beside is None:
                 return
             before, base = beside, unfinished(explanation, search.most)
 
 
-def _try_beside(search: Search, explanation: Explanation, base: Attempt) -> Attempt | None:
-    """Try what may be missing beside an attempt, or beside a better one that a table in its place led to.
+def _try_beside(search: Search, explanation: Explanation, built_on: list[Attempt]) -> Attempt | None:
+    """Try what may be missing beside the best attempt, or a better one that a table in its place led to.
+
+    Either is added to those that were built on.
 
     Returns:
         The attempt beside which it was tried; ``None`` where that is enough.
     """
+    base = unfinished(explanation, search.most)
+    _add(built_on, base)
     beside, tables = look(search, explanation, base), list[Attempt]()
     if base is explanation.best and not beside.obvious:  # else something is there beside the name
         tables = reshape(search, explanation, base)
@@ -64,6 +68,7 @@ def _try_beside(search: Search, explanation: Explanation, base: Attempt) -> Atte
             return None
         if base is not unfinished(explanation, search.most):
             base = unfinished(explanation, search.most)
+            _add(built_on, base)
             beside = look(search, explanation, base)
     begin_beside(search, explanation, base)
     if settled(search, explanation, base):
@@ -100,6 +105,11 @@ def _widen_beside(search: Search, explanation: Explanation, base: Attempt, hopef
     widen(search, explanation, base, rest)
     if rest and near and not settled(search, explanation, base):
         begin_wear(search, explanation, base)
+
+
+def _add(built_on: list[Attempt], base: Attempt) -> None:
+    if base not in built_on:
+        built_on.append(base)
 
 
 def _over(search: Search, explanation: Explanation) -> bool:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 
 from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.following.growth import surest_of
 from clearance.diagnosis.hypotheses.free_form import Curve, unnamed
 from clearance.diagnosis.kinematics.shaking import LIFTED
 from clearance.diagnosis.searching.beside import FAR, NEARLY, SHARED
@@ -177,7 +178,7 @@ class Course:
         """A guide that is loose, and dimensions that the motion alone points at."""
         if self.explanation.rails is None:  # on a frame that gives way they were looked for before
             part = unfinished(self.explanation, self.search.most)
-            drives = part in self.built_on and part.hypotheses[0].name not in GEOMETRIC and _sound(part)
+            drives = part in self.built_on and _forces(part)
             if drives:
                 sizes = part.fit.values[0, 1 : part.model.shared]
                 begin_guide(self.search, self.explanation, None, part.hypotheses, sizes)
@@ -246,10 +247,11 @@ class Course:
             return
         self.curved = True
         found, misfit = suggest_curve(self.search, self.nominal)
-        if found:
-            self.explanation.suspected = Suspected(found[0].body, found[0].direction, misfit)
-        near = max(NEARLY, PART * self.nominal.misfit)
-        if misfit < near or (found and found[0].body == "slider"):
+        if not found:
+            return
+        self.explanation.suspected = Suspected(found[0].body, found[0].direction, misfit)
+        near = max(NEARLY, PART * self.nominal.misfits[surest_of(self.search.starts)])
+        if misfit < near or found[0].body == "slider":
             fit_curve(self.search, self.explanation, found)
         else:
             self.waiting.extend(found)
@@ -341,5 +343,5 @@ STEPS: tuple[Callable[[Course], None], ...] = (
 """What is likely and cheap first, what is rare and dear last; what explains a part is built on at once."""
 
 
-def _sound(attempt: Attempt) -> bool:
-    return all(hypothesis.fault is None for hypothesis in attempt.hypotheses)
+def _forces(attempt: Attempt) -> bool:
+    return all(one.fault is None and one.name not in GEOMETRIC for one in attempt.hypotheses)

@@ -19,6 +19,7 @@ from clearance.diagnosis.hypotheses.free_form import (
     free_form,
     unnamed,
 )
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.hypotheses.missing_force import (
     PLACES,
     arguments_along,
@@ -97,7 +98,7 @@ def suggest_curve(search: Search, base: Attempt) -> tuple[list[Curve], float]:
         trials.add([curve for curve in each[place][_FIRST:] if curve not in inside])
     best = trials.best
     if best is None:
-        return [], base.misfit
+        return [], base.misfits[trials.surest]
     # one recording at one speed cannot tell a function of the angle from one of the velocity; all may
     model = search.setting.model([free_form(best.curve, search.setting.joint)])
     path = settle([best.follower], model, best.values[None], 0).passes[0]
@@ -204,16 +205,31 @@ def name_curve(search: Search, explanation: Explanation) -> None:
     _name_torque(search, explanation, best)
     if (explained(explanation.best) and unnamed(explanation.best.hypotheses) is None) or search.late():
         return
-    model, values = search.setting.model(), best.fit.values[:, [0, -1]]
+    others, places = _beside_table(best)
+    model, values = search.setting.model(others), best.fit.values[:, [*places, -1]]
     own = [follower.part(0, follower.segments) for follower in best.followers]
-    nominal = fit(own, model, values, 0, 1.0, search.workers, scale=ANNEALING[2])
-    base = Attempt((), model, nominal, ANNEALING[2], nominal.level, own)
+    without = fit(own, model, values, 0, 1.0, search.workers, scale=ANNEALING[2])
+    base = Attempt(tuple(others), model, without, ANNEALING[2], without.level, own)
     prospects = look(search, explanation, base)
     for hint in [*prospects.promising, *prospects.unlikely][:_NAMED]:
         if search.late():
             return
+        if len(others) + len(hint.hypotheses) > search.most:
+            continue
         held, begun = beside(base, hint.hypotheses, hint.values)
         search.refit(explanation, held, own, begun, ANNEALING[2])
+
+
+def _beside_table(best: Attempt) -> tuple[list[Hypothesis], list[int]]:
+    """The hypotheses beside a table, and the places of the clearance and of their values."""
+    table = unnamed(best.hypotheses)
+    others, places, column = list[Hypothesis](), [0], 1
+    for hypothesis in best.hypotheses:
+        if hypothesis is not table:
+            others.append(hypothesis)
+            places.extend(range(column, column + len(hypothesis.unknowns)))
+        column += len(hypothesis.unknowns)
+    return others, places
 
 
 def _name_torque(search: Search, explanation: Explanation, best: Attempt) -> None:
@@ -221,13 +237,7 @@ def _name_torque(search: Search, explanation: Explanation, best: Attempt) -> Non
     table = unnamed(best.hypotheses)
     if table is None or (table.body, table.direction) not in PLACES or best.scale > ANNEALING[3]:
         return
-    others, places = [], [0]
-    column = 1
-    for hypothesis in best.hypotheses:
-        if hypothesis is not table:
-            others.append(hypothesis)
-            places.extend(range(column, column + len(hypothesis.unknowns)))
-        column += len(hypothesis.unknowns)
+    others, places = _beside_table(best)
     row = best.fit.values[0]
     machine = best.model.machine(row)
     if others:  # what the table does is told beside a machine that lacks the others, too
@@ -289,7 +299,7 @@ class _Trials:
         fitted.sort(key=lambda one: one[0])
         for _, curve, row in fitted[:_FOLLOWED]:
             self._follow(curve, row)
-            if self.best is not None and self.best.misfit < _PART * self.base.misfit:
+            if self.best is not None and self.best.misfit < _PART * self.base.misfits[self.surest]:
                 return
 
     def _beside(self, model: Model, row: np.ndarray) -> Settled:
@@ -321,7 +331,7 @@ class _Trials:
         assert found is not None  # without a limit none is given up: a table comes right late
         self.search.report(f"  {label}: misfit {found[2]:.3g} on one recording")
         followed = Suggestion(replace(curve, forces=found[1][1:-1]), *found)
-        if followed.misfit < self.base.misfit:
+        if followed.misfit < self.base.misfits[self.surest]:
             self.followed[curve.body, curve.direction, curve.argument] = followed
             if self.best is None or followed.misfit < self.best.misfit:
                 self.best = followed

@@ -29,12 +29,13 @@ from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Hypothesis
 from clearance.diagnosis.hypotheses.missing_force import arguments_along
 from clearance.diagnosis.searching.beside import SHARED
 from clearance.diagnosis.searching.elsewhere import of_one_size
+from clearance.diagnosis.searching.everywhere import astray, misleads
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import FRAME, GEOMETRIC, LOOSE_GUIDE, Dimension
 from clearance.diagnosis.searching.nominal import find_nominal
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.tables import refine_table
-from clearance.diagnosis.searching.wear import suggest_wear
+from clearance.diagnosis.searching.wear import WORN, suggest_wear
 from clearance.errors import InputError
 
 _ISLANDS, _MORE = 2, 4  # from which a recording is followed; of another one, with what the first tells
@@ -143,27 +144,39 @@ class _OneRecording:
     def search_all(self) -> None:
         """Others beside a name; single effects, forces of free form, then others beside the best effect."""
         named, part = self._named(), self.best
-        if named is not None:
-            self._each(self._names(named), named, self.limit)
+        if named is not None and named.misfit > POOR:
+            self._each(self._names(named), named, self._least())
         if not self.over():
-            limit = self.limit if part is None else max(min(self.limit, part.misfit), POOR)
-            part = self._each(self._names(None), None, limit) or part
+            single = self._each(self._names(None), None, self._least())
+            part = min((one for one in (part, single) if one), key=lambda one: one.misfit, default=None)
         if not self.over():
-            self._each(self._tables(), None, self.limit)
-        while part is not None and len(part.held) < self.search.most and not self.over():
+            self._each(self._tables(), None, self._least())
+        while part is not None and part.misfit > POOR and not self.over():
+            if len(part.held) >= self.search.most:
+                break
             part = self._each(self._names(part), part, max(_LESS * part.misfit, POOR))
         if self.best is not None and self.best.misfit > _NEAR and not self.over():
             self._everywhere(self.best)
 
+    def _least(self) -> float:
+        """What a recording may leave to be followed on: no more than the best so far, if that is not near."""
+        best = np.inf if self.best is None else self.best.misfit
+        return max(min(self.limit, best), POOR)
+
     def _find_nominal(self, limit: float) -> None:
         """The nominal machine, where it was lost and patience finds it at another clearance."""
         search = self.search
+        if search.recordings[self.r].raw is not None:  # ``find_nominal`` does not calibrate sensors anew
+            return
         found = self._patiently(self.r, (), np.array([search.clearance]), limit)
         if found is None or found[2] > POOR:
             return
         before = (search.clearance, search.traces, search.starts)
-        search.retrace_all(float(found[1][0]))
-        find_nominal(search, self.explanation)
+        try:
+            search.retrace_all(float(found[1][0]))
+            find_nominal(search, self.explanation)
+        except np.linalg.LinAlgError:  # on another recording links do not reach that far
+            pass
         if not explained(self.explanation.nominal):
             search.clearance, search.traces, search.starts = before
 
@@ -251,7 +264,8 @@ class _OneRecording:
         search, model = self.search, self.search.setting.model(held)
         trace, row = search.traces[r], np.append(sizes, search.traces[r].speed)
         plain = search.setting.with_clearance(SOME_CLEARANCE)
-        if r != self.r or any(one.structural(plain) for one in held):
+        other = any(one.structural(plain) or misleads(one) or one.name == WORN for one in held)
+        if r != self.r or other or astray(row[0], search.clearance):
             trace = search.retrace(r, model.machine(row), model.instrument(row))
             row[-1] = trace.speed
 

@@ -159,7 +159,8 @@ def _scale(runs: Sequence[Finished], what: str) -> str:
     different = reductions(runs)
     machines = sorted({_hardware(run) for run in runs})
     begin, end = (pick(run.date for run in runs) for pick in (min, max))
-    lines = [f"**Scale: {'reduced' if different else 'as in the paper'}.**"]
+    scale = "smaller than the paper's" if different else "as in the paper"
+    lines = [f"**Scale: {scale}.**"]
     if different:
         lines.append(f"{what} is of trainings that differ from the paper's in:\n")
         every = {run.training.setting.model for run in runs}
@@ -182,7 +183,7 @@ def _scale(runs: Sequence[Finished], what: str) -> str:
 
 def _short_scale(runs: Sequence[Finished]) -> str:
     recordings = _listed(sorted({run.metrics["data"]["recordings"] for run in runs}))
-    scale = "Reduced scale" if reductions(runs) else "Full scale"
+    scale = "Smaller than the paper's scale" if reductions(runs) else "Full scale"
     days = " to ".join(dict.fromkeys(pick(run.date for run in runs) for pick in (min, max)))
     splits = _listed(sorted({run.metrics["split_seed"] for run in runs}))
     machines = _listed(sorted({_hardware(run) for run in runs}))

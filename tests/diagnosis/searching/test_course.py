@@ -304,6 +304,21 @@ def test_one_of_two_that_share_what_is_missing_is_looked_beside_at_last(fruitles
     assert beside == expected
 
 
+def test_beside_a_larger_variant_others_are_looked_for_once(fruitless):
+    beside, smaller, larger = [], attempt(["guide_friction"], 9.0), attempt(["guide_friction"], 5.0)
+    smaller.fit.values = larger.fit.values = np.zeros((1, 3))
+
+    def enlarge(search, explanation):
+        if larger not in explanation.attempts:
+            explanation.attempts.append(larger)
+
+    fruitless("enlarge", enlarge)
+    fruitless("begin_beside", lambda _, __, base: beside.append(base))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False, most=2)
+    search_all(search, Explanation(attempt([], 300.0), [smaller]), lambda _: None)
+    assert beside == [larger]
+
+
 @pytest.mark.parametrize(("misfit", "expected"), [(1.02, 0), (3.1, 1)])
 def test_what_is_nearly_explained_is_fitted_again_on_paths_of_its_own(fruitless, misfit, expected):
     again = []

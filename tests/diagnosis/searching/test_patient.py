@@ -24,7 +24,8 @@ class Bench:
         self.search = SimpleNamespace(
             groups={name: [hypothesis(name)] for name in names}, clearance=3e-4, traces=traces,
             most=2, workers=1,
-            starts=[SimpleNamespace(doubt=min(each)) for each in doubts], recordings=[None, None],
+            starts=[SimpleNamespace(doubt=min(each)) for each in doubts],
+            recordings=[SimpleNamespace(raw=None)] * 2,
             late=lambda: False, report=lambda _: None, keep=self.keep, retrace=lambda r, *_: traces[r],
             setting=SimpleNamespace(model=self.model, with_clearance=lambda _: None, joint="C"),
             finished=SimpleNamespace(followed=lambda label, make: make()),
@@ -104,6 +105,15 @@ def test_a_part_that_stays_one_is_fitted_to_all_at_last(monkeypatch):
     assert {r for r, names, _ in bench.grown if names == "mass"} == {0}  # one recording was enough
 
 
+def test_beside_an_effect_that_follows_the_recording_no_other_is_looked_for(monkeypatch):
+    bench = Bench(
+        monkeypatch, {"friction": (1.2, None), "friction + spring": (1.2, None)}, ["friction", "spring"]
+    )
+    begin_patiently(bench.search, bench.explanation, bench.dimensions)
+    assert bench.told[0] == ("friction", False)
+    assert "friction + spring" not in [names for _, names, _ in bench.grown]
+
+
 def test_the_next_recording_is_asked_where_one_is_followed_with_nothing(monkeypatch):
     bench = Bench(monkeypatch, {"friction": (None, 1.0)}, ["friction"])
     begin_patiently(bench.search, bench.explanation, bench.dimensions)
@@ -138,13 +148,16 @@ def test_lobes_at_which_the_motion_points_come_first_and_larger_in_less_clearanc
     monkeypatch, share, expected
 ):
     """By the rod's four sensors it shows 21 um of 36, in 0.284 mm of 0.223."""
-    bench = Bench(monkeypatch, {"friction": (1.0, 1.0)}, ["friction"])
+    bench, made = Bench(monkeypatch, {"friction": (1.0, 1.0)}, ["friction"]), []
+    traces = bench.search.traces
+    bench.search.retrace = lambda r, *_: made.append(r) or traces[r]
     shown = SimpleNamespace(
-        hypothesis=hypothesis("lobes"), values=np.array([2e-5, 3.0, -2.4]), clearance=3e-4, share=share
+        hypothesis=hypothesis("worn_bearing"), values=np.array([2e-5, 3.0, -2.4]), clearance=3e-4, share=share
     )
     monkeypatch.setattr(patient, "suggest_wear", lambda *_: shown)
     begin_patiently(bench.search, bench.explanation, bench.dimensions)
-    assert [r for r, names, _ in bench.grown if names == "lobes"] == expected
+    assert [r for r, names, _ in bench.grown if names == "worn_bearing"] == expected
+    assert made == [*expected, 1]  # a worn bore shows another path; the other recording is told of friction
     assert [names for _, names, _ in bench.grown][len(expected) :] == ["friction", "friction"]
     if expected:
         np.testing.assert_allclose(bench.begun[0], [3e-4, 2e-5, 3.0, -2.4, 700.0])
