@@ -12,6 +12,7 @@ from clearance.trial.repertoire import EFFECTS, FORCES, PLACES, Place
 from clearance.trial.reveal import Revealed
 
 _TURNING = ("phase",)  # parameters that repeat after 2π
+_SPREAD = "nearest models"  # what a clearance rests on whose span is no 95 % interval
 
 
 def score_case(one: Revealed) -> dict[str, Any]:
@@ -38,7 +39,7 @@ def score_case(one: Revealed) -> dict[str, Any]:
         "detected": said["verdict"] != "none" and (said.get("mismatch") or {}).get("detected") is not False,
         "score": (said.get("mismatch") or {}).get("score"),
         "named_or_equivalent": named,
-        "first_and_alone": named and set(names) == set(case.missing) and not _alternatives(said),
+        "first_and_alone": named and sorted(names) == sorted(case.missing) and not _alternatives(said),
         "channel_right": _channel_right(case, said),
         "spurious": len(rightly) < len(names),
         **_places_right(case, said),
@@ -82,13 +83,18 @@ def _in_channel(case: Case, effect: Mapping[str, Any]) -> bool:
 def _named(case: Case, said: Mapping[str, Any]) -> bool:
     """Everything missing is asserted, or is one of the explanations that cannot be told from what is.
 
-    Those say no channel, so that one of the same names as what is asserted makes nothing right.
+    Those say no channel: one of the same names as what is asserted makes nothing right, nor does a fault
+    where none is asserted in its channel. Where nothing is asserted, nothing is named.
     """
     truth = set(case.missing)
-    if not truth or case.kind in UNNAMED:
+    if not truth or case.kind in UNNAMED or not said["effects"]:
         return False
+    if truth <= set(_rightly(case, said)):
+        return True
+    accused = {effect.get("channel") for effect in said["effects"]}
+    heard = all(fault["channel"] in accused for fault in case.faults.values() if "channel" in fault)
     asserted = {effect["name"] for effect in said["effects"]}
-    return truth <= set(_rightly(case, said)) or (truth != asserted and truth in _alternatives(said))
+    return heard and truth != asserted and truth in _alternatives(said)
 
 
 def _channel_right(case: Case, said: Mapping[str, Any]) -> bool | None:
@@ -197,10 +203,12 @@ def _held_out(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _clearance(case: Case, given: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Beside the truth; the spread of models of which none explains is no interval, and covers nothing."""
     if given.get("after_m") is None:
         return None
     low, high = given.get("low_m"), given.get("high_m")
-    covered = None if low is None or high is None else bool(low <= case.clearance <= high)
+    none = low is None or high is None or given.get("basis") == _SPREAD
+    covered = None if none else bool(low <= case.clearance <= high)
     return {
         "value": given["after_m"], "before": given.get("before_m"), "low": low, "high": high,
         "covered": covered,

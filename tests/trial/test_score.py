@@ -181,6 +181,35 @@ def test_a_fault_in_one_of_two_channels_is_not_named_alone(secrets, channel, nam
     assert (row["named_or_equivalent"], row["first_and_alone"]) == (named, False)
 
 
+@pytest.mark.parametrize(("channel", "named"), [("rod_c_axial", True), ("rod_b_axial", False)])
+def test_a_fault_that_cannot_be_told_from_another_is_named_where_that_is_in_its_channel(
+    secrets, channel, named
+):
+    effect = {"name": "sensor_gain", "kind": "instrument", "channel": channel, "parameters": {}}
+    said = verdict("ambiguous", [effect], equivalent=[["sensor_gain"], ["sensor_misalignment"]])
+    row = scored(FAULT, said, secrets)
+    assert (row["named_or_equivalent"], row["first_and_alone"]) == (named, False)
+
+
+def test_a_name_beside_which_nothing_is_asserted_names_nothing(secrets):
+    said = verdict("unknown", equivalent=[["free_form"], ["guide_friction"]])
+    assert not scored(FRICTION, said, secrets)["named_or_equivalent"]
+
+
+def test_the_same_fault_in_two_channels_is_not_one_alone(secrets):
+    effect = {"name": "sensor_misalignment", "kind": "instrument", "channel": "rod_c_axial", "parameters": {}}
+    said = verdict("instrument", [effect, {**effect, "channel": "rod_b_axial"}])
+    row = scored(FAULT, said, secrets)
+    assert (row["named_or_equivalent"], row["first_and_alone"], row["spurious"]) == (True, False, True)
+
+
+def test_the_spread_of_models_of_which_none_explains_covers_nothing(secrets):
+    said = verdict("unknown")
+    assert scored(FRICTION, said, secrets)["clearance"]["covered"]
+    said["clearance"]["basis"] = "nearest models"
+    assert scored(FRICTION, said, secrets)["clearance"]["covered"] is None
+
+
 def test_a_drive_named_in_another_form_misses_its_parameters():
     soft = replace(FRICTION, effects={"soft_drive": {"proportional": 1.0, "integral": 40.0}})
     given = {"value": 8.0, "unit": "N m", "low": 7.0, "high": 9.0}

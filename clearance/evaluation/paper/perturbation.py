@@ -112,7 +112,7 @@ class NewRuns:
             contact = getattr(machine, joint).contact
             errors = {"restitution": self.restitution, "stiffness_scale": self.stiffness}
             for name, (low, high) in errors.items():
-                if low != high:
+                if (low, high) != (0.0, 0.0):
                     own = getattr(contact, name)
                     random[f"{joint}.contact.{name}"] = (own * (1 + low), own * (1 + high))
             if self.law is not None:
