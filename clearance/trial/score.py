@@ -207,8 +207,9 @@ def _clearance(case: Case, given: Mapping[str, Any]) -> dict[str, Any] | None:
     if given.get("after_m") is None:
         return None
     low, high = given.get("low_m"), given.get("high_m")
-    none = low is None or high is None or given.get("basis") == _SPREAD
-    covered = None if none else bool(low <= case.clearance <= high)
+    covered = None
+    if low is not None and high is not None and given.get("basis") != _SPREAD:
+        covered = bool(low <= case.clearance <= high)
     return {
         "value": given["after_m"], "before": given.get("before_m"), "low": low, "high": high,
         "covered": covered,

@@ -30,7 +30,7 @@ def advance(
         follower: whose path after the segment is replaced.
         fixed: model without unknowns.
         segment: that is known, up to what the next samples correct.
-        end: segment that is not touched.
+        end: segment up to which the path is known; the arrival at it may be written into its node.
         limit: cost a sample of a segment from which on the path is looked for.
         begin: first segment that is followed: what lies before is not looked for.
 

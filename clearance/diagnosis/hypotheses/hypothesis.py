@@ -10,7 +10,7 @@ from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.shooting.model import Model, Unknown
 from clearance.errors import InputError
-from clearance.mechanism.drive import Drive, SpeedControl
+from clearance.mechanism.drive import DirectCurrentMotor, Drive, SpeedControl
 from clearance.mechanism.joint import CLEARANCE_RANGE
 from clearance.mechanism.parameters import STRUCTURE
 from clearance.mechanism.slider_crank import SliderCrank
@@ -156,7 +156,7 @@ def of_fault(effect: Effect, machine: SliderCrank, joint: str) -> Hypothesis:
 def at_pace(machine: SliderCrank, rate_error: float) -> SliderCrank:
     """The machine as a clock sees it whose second lasts ``1 + rate_error``: stiffer, and driven harder.
 
-    Forces count the square of the unit of time, dampings its first power. Contact and a speed control are
+    Forces count the square of the unit of time, dampings its first power. Contact and drive are
     carried over; other laws keep their numbers, and are off by up to twice what the clock is.
     """
     if rate_error == 0.0:
@@ -165,6 +165,8 @@ def at_pace(machine: SliderCrank, rate_error: float) -> SliderCrank:
     drive = machine.drive
     if isinstance(drive, SpeedControl):
         drive = replace(drive, proportional=drive.proportional * pace, integral=drive.integral * pace**2)
+    elif isinstance(drive, DirectCurrentMotor):
+        drive = replace(drive, stall_torque=drive.stall_torque * pace**2)
     joints = {
         name: replace(
             joint, contact=replace(joint.contact, stiffness_scale=joint.contact.stiffness_scale * pace**2)

@@ -165,7 +165,7 @@ def _ranking(explanation: Explanation, verdict: str) -> list[dict[str, Any]]:
                     "name": hint.label, "kind": hint.hypotheses[0].kind,
                     "log_likelihood_gain": 0.5 * hint.gain,
                     "p_value": p_value(hint.gain, explanation.simulated), "parameters": {},
-                    "asserted": False, "note": "not fitted: promises less than others",
+                    "asserted": False, "note": "no fit was kept: others promise more, or it was given up",
                 }
             )  # fmt: skip
     return rows

@@ -181,7 +181,13 @@ def _held_out(
                     "or a sensor broken? Leave it out: what was fitted is kept"
                 ) from None
             ways = _ways(search, attempt, trace, only_speed, patience)
-            return best_of(ways, only_speed, search.patient_until)
+            try:
+                return best_of(ways, only_speed, search.patient_until)
+            except np.linalg.LinAlgError:
+                raise InputError(
+                    f"held_out: {measured.name} is not followed by any machine that was found; leave it out: "
+                    "what was fitted is kept"
+                ) from None
 
         with ThreadPoolExecutor(search.workers) as pool:
             found = together(list(pool.map(one, held_out)), search.workers)

@@ -78,4 +78,7 @@ def largest(calibration: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
         worst = max(angles, key=lambda name: angles[name])
         parts.append(f"axes are turned by up to {angles[worst]:.2g} deg ({worst})")
     shown = f": {' and '.join(parts)}" if parts else ""
-    return f"The accelerometers were calibrated on the way, each within its tolerance{shown}."
+    return (
+        "The accelerometers were calibrated on the way, none off by more than 1.5 times its "
+        f"tolerance{shown}."
+    )

@@ -30,6 +30,7 @@ from clearance.mechanism.applied_force import TabulatedForce
 
 _PUSHES = {"torque": "torque", "moment": "moment"}
 _TOWARDS = {"x": ", along x", "y": ", along y", "normal": ", normal to the bearing"}
+_EXPLAINED = EXPLAINED**0.5  # of errors, which are roots of mean squares
 _LOST = 100.0  # times a perfect model's errors: the path was lost, and how far off it ended says nothing
 HELPS = 0.99  # of the held-out error before: what leaves more is not said to lower it
 
@@ -63,9 +64,9 @@ def sentences(
         return _nothing_found(explanation, joint, held, seen, held_out)
     lines = _effects(explanation, joint)
     curve = unnamed(explanation.best.hypotheses)
-    if verdict == "unknown" and curve is None:
+    if verdict == "unknown" and (curve is None or not explained(explanation.best)):
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
-        lines += _nearer(explanation, held_out)
+        lines += _nearer(explanation, held_out) if curve is None else []
     if curve is not None:
         lines.insert(0, _free_force(explanation, curve, held_out))
         lines += _nearer(explanation, held_out)
@@ -91,7 +92,7 @@ def _nothing_found(
         clearance = clearance_of(explanation)[0].value * 1e3
         return [*_small(explanation, joint, clearance, held["after"]), shows]
     before, where = held["before"], ""
-    if before < EXPLAINED:  # what is missing does not show in what was held out
+    if before < _EXPLAINED:  # what is missing does not show in what was held out
         before, where = float(np.sqrt(explanation.nominal.misfit)), ", where it was fitted"
     times = f"{before:.3g}" if before < _LOST else "more than 100"
     return [
@@ -238,7 +239,7 @@ def _gain(explanation: Explanation, held: dict[str, Any]) -> str:
 
 def _small(explanation: Explanation, joint: str, clearance: float, error: float) -> list[str]:
     """Of a nominal machine that explains what was fitted, why nothing missing is not what is said."""
-    if suspicious(explanation) and error < EXPLAINED:
+    if suspicious(explanation) and error < _EXPLAINED:
         hint = explanation.hints[0] if explanation.hints else None
         most = null_scores()[-1]
         promise = (

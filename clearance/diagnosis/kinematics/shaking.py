@@ -145,6 +145,8 @@ def _repeating(
     recordings: Sequence[Measured], forces: Sequence[np.ndarray], direction: str, least: float
 ) -> Shaking | None:
     """The repeating force of (samples,) ``filtered`` ones in each recording, if it reaches ``least`` [N]."""
+    if min(len(force) for force in forces) < 3 * SAMPLES:
+        return None
     rate = recordings[0].chain.rate
     count = [len(one.values.reshape(-1, len(one.channels))) for one in recordings]
     times = [np.arange(samples) / rate for samples in count]
@@ -163,8 +165,9 @@ def _repeating(
         rows = []
         for time, clock in zip(times, clocks, strict=True):
             own = shares((time + clock) / period * KNOTS, KNOTS, True, between)
-            rows.append(np.stack([filtered(column, 0, rate) for column in own.T], axis=1))
-        return np.concatenate(rows)
+            filtered_ones = [filtered(column, 0, rate) for column in own.T]
+            rows.append(np.stack([*filtered_ones, np.ones(len(filtered_ones[0]))], axis=1))
+        return np.concatenate(rows)  # the last column: of its weight on the spring a frame leaves a constant
 
     rhythm = _sharper(rhythm, over, force, scatter, max(float(time[-1]) for time in times), rate)
     either = list[tuple[float, str, np.ndarray, np.ndarray]]()
@@ -183,8 +186,8 @@ def _repeating(
     if given.std() < least:
         return None
     share = 1.0 - float((force - given).var() / force.var())
-    deviation = deviation_of([one - one.mean() for one in own])
-    return Shaking(rhythm, direction, found - found.mean(), share, deviation, between)
+    deviation = deviation_of([one[:-1] - one[:-1].mean() for one in own])
+    return Shaking(rhythm, direction, found[:-1] - found[:-1].mean(), share, deviation, between)
 
 
 def _sharper(

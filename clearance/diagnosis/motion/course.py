@@ -16,6 +16,7 @@ from clearance.diagnosis.motion.remainder import remainder
 from clearance.diagnosis.motion.rest import Explained, nearly_all
 from clearance.diagnosis.motion.search import FEWEST, POOR, SLOWEST, Search
 from clearance.diagnosis.motion.track import Track
+from clearance.errors import InputError
 
 _LOOK = 8.0  # s of each recording that are searched; the result is fitted to all of them
 _PIECES, _TURNS = 8, 1.25  # pieces of all recordings; turns of the crank in each
@@ -47,6 +48,11 @@ class Course:
         search.tracks = [track.part(0, round(_LOOK * track.rate)) for track in whole]
         search.report("fitting the machine as it is")
         nominal = search.nominal()
+        if not np.isfinite(nominal.price):
+            raise InputError(
+                "the machine as it is cannot be run along these recordings: its drive or a contact is too "
+                "stiff for steps of 5 us; lower drive.proportional, or set drive=motor"
+            )
         findings = Findings(nominal, nominal)
         keep(findings)
         if not search.judge(nominal).enough and not self._follow_suggested(findings):
@@ -207,13 +213,16 @@ class Course:
         turns it goes astray even from a right model, whose numbers bend to follow it.
         """
         search = self.search
-        for search.turns in [turns for turns in _STRETCHES if turns < (search.turns or np.inf)]:
+        for turns in [turns for turns in _STRETCHES if turns < (search.turns or np.inf)]:
+            before, search.turns = search.turns, turns
             stretches = search.cut(whole)
-            if len(stretches) > len(search.tracks):
-                search.report(f"fitting stretches of {search.turns:g} turns")
-                self._refit(findings, stretches)
-                if search.judge(findings.best).enough:
-                    return
+            if not len(stretches[0].values) < len(search.tracks[0].values):
+                search.turns = before
+                continue
+            search.report(f"fitting stretches of {turns:g} turns")
+            self._refit(findings, stretches)
+            if search.judge(findings.best).enough:
+                return
 
     def _refit(self, findings: Findings, tracks: list[Track]) -> None:
         """The best and the nominal attempt, fitted anew to other stretches of the recordings."""

@@ -17,7 +17,10 @@ _BLOCKS = 20  # parts of the held-out recordings that are drawn
 
 
 class Judged:
-    """An attempt beside recordings that it was not fitted to: only start and drive's speed are free."""
+    """An attempt beside recordings that it was not fitted to.
+
+    Only start, drive's speed and an encoder's zero that is not known are free.
+    """
 
     def __init__(
         self, attempt: Attempt, held_out: Sequence[Track], search: Search, speeds: tuple[float, float]

@@ -109,7 +109,8 @@ def remainder(search: Search, best: Attempt, named: bool) -> Remainder | None:
         zeros = np.zeros(len(term.unknowns))
         own = fit(replace(fixed, terms=(term,)), tracks, zeros, none.own, search.begin, search.workers)
         price = own.cost + names + len(zeros) * log(own.samples)
-        found.append(Remainder(Attempt((term,), own, price), beside=bool(best.terms)))
+        if named or best.terms:
+            found.append(Remainder(Attempt((term,), own, price), beside=bool(best.terms)))
         if not named:
             alone = search.attempt((*faults, term), np.append(begun, zeros), none.own)
             found.append(Remainder(alone, beside=False))

@@ -314,6 +314,7 @@ class Search:
     def question_zero(self, findings: Findings) -> None:
         """Whether the encoder's zero, which was refitted throughout, is surely off."""
         best = findings.best
+        findings.zero, findings.instead = False, []
         if not best.fit.model.with_zero:
             return
         value, deviation = zero_of(best.fit)

@@ -17,6 +17,7 @@ from clearance.diagnosis.motion.rest import Explained, nearly_all
 _Z = 1.96  # of a 95 % interval
 _SEEN = 3.3  # standard deviations from which on a clearance counts as seen
 _CONFIRMED = 1.3  # held-out error over its floor, up to which the recordings there are explained
+_COUNTS = 0.02  # of a combination of uncertain values, in their ranges: one that takes less part is not told
 _KNOWN = 0.05  # of its range: an uncertain value is known when its deviation is below
 
 
@@ -173,7 +174,8 @@ def uncertain_of(fit: Fit) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
             scale = weights[np.argmax(np.abs(weights))]
             weights = weights / scale
             middle, half = float(weights @ values), float(_Z * variance**0.5 / abs(scale))
-            shares = {unknowns[i].name: float(w) for i, w in zip(wide, weights, strict=True) if abs(w) > 0.02}
+            counts = np.abs(direction) > _COUNTS  # in the widths of each: units differ
+            shares = {unknowns[i].name: float(w) for i, w in zip(wide[counts], weights[counts], strict=True)}
             combinations.append(
                 {"weights": shares, "value": middle, "low": middle - half, "high": middle + half}
             )
@@ -213,7 +215,7 @@ def sentences(
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
         lines.insert(0, _unknown_words(findings, held))
     elif not whole(findings, held):
-        lines.append(_left_words(findings.enough))
+        lines.append(_left_words(findings.enough, held["after"]))
         if findings.left is not None:
             lines.append(f"What these names leave {_table_words(findings.left)}")
     if equivalents:
@@ -234,7 +236,7 @@ def _unknown_words(findings: Findings, held: Mapping[str, float]) -> str:
             "What explains the fitted recordings does not explain those that were held out: their error is "
             f"{held['after']:.3g} (floor 1.00)."
         )
-    return f"Something is missing that none of the tried hypotheses explains. {_left_words(findings.enough)}"
+    return f"Something is missing that none of the tried hypotheses explains. {_comes_back(findings.enough)}"
 
 
 def _table_words(left: Remainder) -> str:
@@ -269,7 +271,14 @@ def _alike_words(best: Attempt, other: Attempt) -> str:
     return f"With these sensors {ours or 'it'} cannot be told from {theirs or 'nothing more'}."
 
 
-def _left_words(enough: Explained) -> str:
+def _left_words(enough: Explained, after: float) -> str:
+    """Of what names that stand leave in fitted recordings, or else in held-out ones."""
+    if enough.enough:
+        return f"Fitted recordings show nothing else; held-out errors are {after:.3g} (floor 1.00)."
+    return _comes_back(enough)
+
+
+def _comes_back(enough: Explained) -> str:
     worst = enough.channels[int(np.argmax(enough.level))]
     return (
         "What is left comes back with the crank's angle or drifts; in "

@@ -116,11 +116,12 @@ function comparison(block, overlays, runs) {
     const found = series.filter(({ name }) => name !== "recorded").map((kind) => ({ ...kind, low: undefined, high: undefined, short: `recorded minus ${kind.label}`, y: kind.y.map((value, at) => (isNumber(value) && isNumber(recorded[at]) ? recorded[at] - value : null)) }));
     return recorded.length && found.length ? [{ label: "recorded minus model", unit, height: 120, series: found }] : [];
   }
-  function course(one) { // of predictions a millisecond ahead
+  const ahead = typeof dict(EVIDENCE.where).title !== "string"; // else predictions are of the whole run
+  function course(one) {
     const values = (from, name) => list(from[name]), series = plotted(one, one.time_s, values);
-    curves(stage, { label: `${words(one.channel)}: recorded, and predicted a millisecond ahead`, x: { label: "time", unit: "s" }, hidden,
+    curves(stage, { label: `${words(one.channel)}: recorded, and ${ahead ? "predicted ten samples ahead" : "run from its start"}`, x: { label: "time", unit: "s" }, hidden,
       panels: [{ label: words(one.channel), unit: one.unit, height: 270, series }, ...rest(one, series, values, one.unit)] });
-    stage.append(h("p", { class: "hint" }, "Predictions start anew from the recording every millisecond."));
+    if (ahead) stage.append(h("p", { class: "hint" }, "Predictions start anew from the recording every ten samples, a millisecond at 10 kHz."));
   }
   function phase(one, at) {
     const values = (from, name) => list(dict(from[name]).mean), x = list(run.crank_angle_deg);

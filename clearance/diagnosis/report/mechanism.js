@@ -26,7 +26,7 @@ function mechanismDrawing(parent) {
 
   const spoken = `Drawing of the slider-crank. ` + (body
     ? `Marked: ${body === "instrument" ? `the sensor of ${[...faulty].map(words).join(", ") || "the recorder"}` : `${words(body)}${direction ? `, direction ${direction}` : ""}`}, ${caption}` + (ranges.length ? `, at crank angles ${ranges.map(([a, b]) => `${text(a)} to ${text(b)} degrees`).join(" and ")}` : "") + "."
-    : "Nothing is marked: the model explains the recordings.");
+    : DIAGNOSIS.verdict === "unknown" ? "Nothing is marked: no place is known." : "Nothing is marked: the model explains the recordings.");
   let pose = () => {};
   const picture = figure(parent, spoken, draw, { className: "machine" });
   crank.follow((angle, from) => { pose(angle); if (from !== "slider") slider.value = Math.round(angle); turned.textContent = `${Math.round(angle)}°`; });

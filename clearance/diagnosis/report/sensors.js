@@ -1,4 +1,4 @@
-// What the accelerometers were found to do, each within its tolerance.
+// What the accelerometers were found to do, each within 1.5 times its tolerance.
 
 const DEEDS = { gain: ["Gain", 1, ""], mounting_angle: ["Axis turned", 1, "°"], delay: ["Late by", 1e6, " µs"], bias: ["Offset", 1, " m/s²"] };
 
@@ -6,7 +6,7 @@ function sensors() {
   const found = dict(DIAGNOSIS.sensors), channels = Object.keys(found);
   if (!channels.length) return;
   const kinds = Object.keys(DEEDS).filter((kind) => channels.some((name) => isNumber(dict(found[name])[kind]?.value)));
-  const block = section("sensors", "What the sensors do", "Within the tolerances that were given, each accelerometer was calibrated by the same fit. Delays count from the crank angle, or from the sensor that shows none. sensors.yaml holds these values for other recordings.");
+  const block = section("sensors", "What the sensors do", "Within 1.5 times the tolerances that were given, each accelerometer was calibrated by the same fit. Delays count from the crank angle, or from the sensor that shows none. sensors.yaml holds these values for other recordings.");
   const cell = (name, kind) => {
     const [, scale, unit] = DEEDS[kind], one = dict(found[name])[kind], path = ["sensors", name, kind];
     if (!isNumber(one?.value)) return h("td", { class: "right" }, "–");

@@ -36,7 +36,9 @@ class Chart:
         noise: (nz,) standard deviation of what a segment's end may miss the next node by.
         journals: for each loose joint the places, among the unknowns, of its two eccentricities; their rates
             follow each.
-        rails: height [m] and tilt [rad] at which a slider that is loose in its guide touches; 0: it is not.
+        rails: height [m] over the guide line and tilt [rad] at which a slider that is loose in its guide
+            touches; 0: it is not.
+        line: height of the guide line over A, on a frame at rest [m].
     """
 
     rows: np.ndarray
@@ -44,6 +46,7 @@ class Chart:
     noise: np.ndarray
     journals: tuple[tuple[int, int], ...]
     rails: tuple[float, float] = (0.0, 0.0)
+    line: float = 0.0
 
     @property
     def reach(self) -> np.ndarray:
@@ -92,7 +95,14 @@ class Chart:
             if codes[family]:
                 table.append((row, *_MEMORY))
         columns = np.array(table, dtype=float).T
-        return Chart(columns[0].astype(np.int64), columns[1], columns[2], tuple(journals), rails)
+        return Chart(
+            columns[0].astype(np.int64),
+            columns[1],
+            columns[2],
+            tuple(journals),
+            rails,
+            float(p[Parameter.GUIDE_OFFSET]),
+        )
 
     def bases(self, nodes: np.ndarray) -> np.ndarray:
         """(nodes, nz, nz) change of the rows, in units, by each unknown."""
@@ -134,6 +144,8 @@ class Chart:
     def carried(self, nodes: np.ndarray, before: "Chart") -> np.ndarray:
         """Nodes of a machine with other rails, as near to these rails as they were to its own."""
         carried = nodes.copy()
+        if self.rails[0]:
+            carried[..., State.SLIDER_Y] += self.line - before.line
         carried[..., [State.SLIDER_Y, State.SLIDER_ANGLE]] += before.between_rails(nodes) * (
             np.array(self.rails) - before.rails
         )
@@ -143,7 +155,8 @@ class Chart:
         """(..., 2) height and tilt of nodes (..., STATES), each over that at which it touches; 0 without."""
         if not self.rails[0]:
             return np.zeros((*nodes.shape[:-1], 2))
-        return nodes[..., [State.SLIDER_Y, State.SLIDER_ANGLE]] / self.rails
+        height = nodes[..., State.SLIDER_Y] - nodes[..., State.FRAME_Y] - self.line
+        return np.stack([height, nodes[..., State.SLIDER_ANGLE]], axis=-1) / self.rails
 
     def pressed(self, nodes: np.ndarray) -> np.ndarray:
         """(...) how far a slider is on its way from the middle to its rails; above 1 it presses."""

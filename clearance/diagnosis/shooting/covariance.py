@@ -30,7 +30,7 @@ def deviations(fit: Fit, combined: np.ndarray | None = None) -> np.ndarray:
     for r, one in enumerate(fit.passes):
         places = [*range(shared), *range(shared + r * own, shared + (r + 1) * own)]
         scale = 1.0 / np.array([model.step(fit.values[r], i) for i in range(count)])
-        scores = one.parts * scale
+        scores = np.nan_to_num(one.parts, nan=0.0, posinf=0.0, neginf=0.0) * scale
         blocks = len(scores) // _BLOCK
         summed = scores[: blocks * _BLOCK].reshape(blocks, _BLOCK, count).sum(axis=1)
         middle[np.ix_(places, places)] += summed.T @ summed

@@ -87,15 +87,17 @@ def test_nothing_is_measured_where_a_link_has_no_sensors():
     assert measure_frame([measured], [(known.angle, known.speed)], machine("C", 1e-4)) is None
 
 
-def test_a_force_that_shakes_a_known_frame_is_read_off_the_balance():
+@pytest.mark.parametrize("gravity", [(0.0, 0.0), (-9.81, 0.0)])  # of the weight a constant is left
+def test_a_force_that_shakes_a_known_frame_is_read_off_the_balance(gravity):
     wave = tuple(40.0 * np.sin(2.0 * np.pi * np.arange(12) / 12))
     force = TabulatedForce("frame", "x", "time", 0.0, None, wave, "cubic", 0.06)
     found = []
     for acting in ({}, {"force": force}):
-        made = machine("C", 3e-4, frame=SOFT, **acting)
+        made = machine("C", 3e-4, frame=SOFT, gravity=gravity, **acting)
         measured, states = recorded(made, sensors=(*AT_A, *SENSORS))
         known = aligned(states)
-        found.append(find_shaking([measured], [(known.angle, known.speed)], machine("C", 1e-4, frame=SOFT)))
+        nominal = machine("C", 1e-4, frame=SOFT, gravity=gravity)
+        found.append(find_shaking([measured], [(known.angle, known.speed)], nominal))
     nothing, shaking = found
     assert nothing is None
     assert shaking.share > 0.9

@@ -155,6 +155,20 @@ def test_a_guess_in_contact_is_surer_across_the_surface_than_one_apart():
     assert (chart.units > chart.noise).sum() >= len(chart.units) - 8  # rates excepted
 
 
+def test_rails_lie_along_the_guide_line_wherever_it_is_and_move_with_the_frame():
+    narrow, wide = (
+        Chart.of(replace(BOTH, guide=LooseGuide(gap=gap), guide_offset=offset))
+        for gap, offset in ((1e-4, 5e-3), (1.2e-4, 6e-3))
+    )
+    nodes = np.zeros((2, STATES))
+    nodes[:, State.FRAME_Y] = 0.0, 3e-5
+    nodes[:, State.SLIDER_Y] = 5.1e-3, 5.13e-3
+    np.testing.assert_allclose(narrow.pressed(nodes), 1.0)
+    carried = wide.carried(nodes, narrow)
+    np.testing.assert_allclose(wide.pressed(carried), 1.0)
+    np.testing.assert_allclose(carried[:, State.SLIDER_Y], [6.12e-3, 6.15e-3])
+
+
 def test_a_slider_lies_as_near_to_other_rails_as_to_its_own():
     narrow, wide = (Chart.of(replace(BOTH, guide=LooseGuide(gap=gap))) for gap in (1e-4, 1.2e-4))
     guide = LooseGuide()
