@@ -158,7 +158,7 @@ def _of_judging(
     return [
         *(["What explains the fitted recordings does not explain the held-out ones."] if changed else []),
         *(
-            f"{label} explains the fitted recordings, but held-out ones are explained as well with less."
+            f"{label} is not asserted: held-out recordings are explained as well with less."
             for label in judged.withdrawn
         ),
         *(

@@ -25,7 +25,7 @@ from clearance.diagnosis.judging.verdict import (
 from clearance.diagnosis.searching.beside import HALFWAY
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import CLOCK, FRAME, GEOMETRIC
-from clearance.diagnosis.searching.significance import SURE, null_scores, suspicious
+from clearance.diagnosis.searching.significance import CALM, SURE, null_scores, suspicious
 from clearance.mechanism.applied_force import TabulatedForce
 
 _PUSHES = {"torque": "torque", "moment": "moment"}
@@ -242,12 +242,17 @@ def _small(explanation: Explanation, joint: str, clearance: float, error: float)
     if suspicious(explanation) and error < _EXPLAINED:
         hint = explanation.hints[0] if explanation.hints else None
         most = null_scores()[-1]
-        promise = (
-            f"{hint.label} promises more ({hint.gain:.0f}) than any effect did on machines that lack nothing "
-            f"({most:.0f} at most)"
-            if hint is not None and hint.gain > most
-            else f"what is left ({explanation.nominal.misfit:.2f}) is more than on machines that lack nothing"
-        )
+        if hint is not None and hint.gain > most:
+            promise = (
+                f"{hint.label} promises more ({hint.gain:.0f}) than any effect did on machines that lack "
+                f"nothing ({most:.0f} at most)"
+            )
+        elif explanation.nominal.misfit > CALM:
+            promise = (
+                f"what is left ({explanation.nominal.misfit:.2f}) is more than on machines that lack nothing"
+            )
+        else:
+            promise = "the balance of forces on the frame shows a push that the model lacks"
         return [
             "The recordings are explained to within their noise, and yet something small may be missing: "
             f"{promise}. No effect was sure enough to be named. Without one, the clearance of joint "

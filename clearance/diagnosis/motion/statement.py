@@ -152,12 +152,12 @@ def _warnings(search: Search) -> list[str]:
     found = [
         f"{name}: left out, for showing nothing but a constant: {those}" for name, those in silent.items()
     ]
-    if search.linkage.turned:
-        turned = ", ".join(f"{channel}: -1.0" for channel in search.linkage.turned)
+    recorded = {channel for track in search.tracks for channel in track.channels}
+    turned = [channel for channel in search.linkage.turned if channel in recorded]
+    if turned:
         found.append(
-            f"{', '.join(search.linkage.turned)}: taken with the other sign, without which angle and "
-            "position do not belong to this linkage; if that is right, say so in the YAML beside the files, "
-            f"scale: {{{turned}}}"
+            f"{', '.join(turned)}: taken with the other sign, without which angle and position do not belong "
+            "to this linkage; if that is right, say so in the YAML beside the files: scale: of each, times -1"
         )
     if search.turns is not None:
         found.append(

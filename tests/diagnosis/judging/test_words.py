@@ -17,6 +17,7 @@ from tests.diagnosis.judging.test_verdict import attempt, known
 @pytest.mark.parametrize(
     ("gain", "misfit", "after", "headline", "reason"),
     [
+        (5.0, 0.97, 1.0, "The recordings are explained to within", "shows a push that the model lacks"),
         (73.0, 0.97, 0.97, "The recordings are explained to within", "gravity(gravity_y) promises more (73)"),
         (5.0, 1.25, 1.0, "The recordings are explained to within", "what is left (1.25) is more"),
         (73.0, 0.97, 3.0, "Something is missing", "(errors 3, floor 1.00)"),
@@ -31,7 +32,8 @@ def test_what_is_small_and_has_no_name_is_not_called_a_model_that_fails(
     effect = SimpleNamespace(body="rod", direction="y")
     hint = SimpleNamespace(label="gravity(gravity_y)", gain=gain, hypotheses=[effect])
     fit = {"held_out": {"before": after, "after": after}}
-    told = sentences("unknown", Explanation(nominal, hints=[hint]), "C", fit, ["rod_c_axial"])
+    explanation = Explanation(nominal, hints=[hint], shaken=SimpleNamespace())
+    told = sentences("unknown", explanation, "C", fit, ["rod_c_axial"])
     assert told[0].startswith(headline)
     assert reason in told[0]
     assert "What comes nearest is a force on the rod, along y." in told[1]
