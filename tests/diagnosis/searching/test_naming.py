@@ -100,8 +100,34 @@ def test_names_that_promise_little_are_tried_on_the_paths_of_a_table(monkeypatch
     monkeypatch.setattr(module + "look", lambda *_: Prospects([], [], hints[:1], hints[1:], []))
     monkeypatch.setattr(module + "beside", lambda base, held, values: (held, values))
     search = SimpleNamespace(
-        late=lambda: False, setting=SimpleNamespace(model=lambda: None), workers=1,
+        late=lambda: False, setting=SimpleNamespace(model=lambda held: held), workers=1, most=1,
         refit=lambda explanation, held, *_: asked.append(held[0].name),
     )  # fmt: skip
     name_curve(search, Explanation(attempt([], 400.0), [table]))
     assert asked == ["a", "b", "c"]
+
+
+@pytest.mark.parametrize(("most", "expected"), [(2, ["soft_drive"]), (1, [])])
+def test_a_name_in_the_place_of_a_table_is_tried_beside_the_names_that_the_table_had(
+    monkeypatch, most, expected
+):
+    best = attempt(["soft_drive", FREE_FORM], 2.9)
+    best.hypotheses[1].body, best.hypotheses[1].direction = "joint_c", "normal"
+    for one in best.hypotheses:
+        one.unknowns = (None,)
+    best.fit.values, best.followers = np.array([[3e-4, 60.0, 1.0, 700.0]]), []
+    hint, asked = Hint(tuple(attempt(["friction"], 1.0).hypotheses), np.ones(1), 0.1), []
+    module, rows = "clearance.diagnosis.searching.free_search.", []
+    monkeypatch.setattr(
+        module + "fit",
+        lambda own, model, values, *_, **__: rows.append(values) or SimpleNamespace(level=40.0),
+    )
+    monkeypatch.setattr(module + "look", lambda _, __, base: Prospects([], [], [hint], [], []))
+    monkeypatch.setattr(module + "beside", lambda base, held, values: (base.hypotheses, values))
+    search = SimpleNamespace(
+        late=lambda: False, setting=SimpleNamespace(model=lambda held: held), workers=1, most=most,
+        refit=lambda explanation, held, *_: asked.extend(one.name for one in held),
+    )  # fmt: skip
+    name_curve(search, Explanation(attempt([], 400.0), [best]))
+    assert asked == expected
+    np.testing.assert_array_equal(rows[0], [[3e-4, 60.0, 700.0]])
