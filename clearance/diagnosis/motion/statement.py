@@ -155,9 +155,11 @@ def _warnings(search: Search) -> list[str]:
     recorded = {channel for track in search.tracks for channel in track.channels}
     turned = [channel for channel in search.linkage.turned if channel in recorded]
     if turned:
+        scales = ", ".join(f"{channel}: -1.0" for channel in turned)
         found.append(
             f"{', '.join(turned)}: taken with the other sign, without which angle and position do not belong "
-            "to this linkage; if that is right, say so in the YAML beside the files: scale: of each, times -1"
+            "to this linkage; if that is right, say so in the YAML beside the files, "
+            f"scale: {{{scales}}}, times a scale that is given there"
         )
     if search.turns is not None:
         found.append(
