@@ -165,8 +165,8 @@ def _repeating(
         rows = []
         for time, clock in zip(times, clocks, strict=True):
             own = shares((time + clock) / period * KNOTS, KNOTS, True, between)
-            filtered_ones = [filtered(column, 0, rate) for column in own.T]
-            rows.append(np.stack([*filtered_ones, np.ones(len(filtered_ones[0]))], axis=1))
+            columns = [filtered(column, 0, rate) for column in own.T]
+            rows.append(np.stack([*columns, np.ones(len(columns[0]))], axis=1))
         return np.concatenate(rows)  # the last column: of its weight on the spring a frame leaves a constant
 
     rhythm = _sharper(rhythm, over, force, scatter, max(float(time[-1]) for time in times), rate)

@@ -50,8 +50,9 @@ class Course:
         nominal = search.nominal()
         if not np.isfinite(nominal.price):
             raise InputError(
-                "the machine as it is cannot be run along these recordings: its drive or a contact is too "
-                "stiff for steps of 5 us; lower drive.proportional, or set drive=motor"
+                f"drive = {search.model.machine.drive}: too stiff, as it seems, for the machine to be run in "
+                "steps of 5 us at least; lower drive.proportional (5 N m s/rad is the default), or set "
+                "drive=direct_current_motor"
             )
         findings = Findings(nominal, nominal)
         keep(findings)

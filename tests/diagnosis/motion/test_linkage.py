@@ -17,6 +17,7 @@ from clearance.diagnosis.motion.rest import angles, explained
 from clearance.diagnosis.motion.search import Search
 from clearance.diagnosis.motion.track import Track
 from clearance.diagnosis.sensing.instrument import Instrument
+from clearance.errors import InputError
 from clearance.mechanism.drive import DirectCurrentMotor, SpeedControl
 from clearance.mechanism.slider_crank import Link, SliderCrank
 
@@ -221,3 +222,15 @@ def test_a_measured_turning_tells_gravity_friction_and_motor_together():
     assert said["gravity"]["gravity_x"] == pytest.approx(9.81, rel=0.1)
     assert said["soft_drive"]["stall_torque"] == pytest.approx(0.3, rel=0.2)
     assert np.exp(first.uncertain[0]) == pytest.approx(3e-3, rel=0.1)
+
+
+def test_a_nominal_drive_that_is_too_stiff_to_be_run_is_refused_with_its_key():
+    track = recorded(motor(), seconds=3.0)
+    nominal = replace(RIG, drive=SpeedControl(150.0, proportional=2000.0))
+    with pytest.raises(
+        InputError, match=r"proportional=2000.*drive\.proportional.*drive=direct_current_motor"
+    ):
+        diagnose(
+            [track.part(0, 100)], [track.part(100, 150)], Setting(nominal, "C"), [], {}, False,
+            (2.0, 300.0), 60.0, 1, 5, print,
+        )  # fmt: skip
