@@ -5,7 +5,9 @@ import shutil
 import pytest
 import yaml
 
-from clearance.whole_files import read_yaml
+from clearance.errors import InputError
+from clearance.models.seen import require_same_division
+from clearance.whole_files import read_json, read_yaml
 from tests.command_line import TREES, call
 
 
@@ -66,6 +68,8 @@ def test_a_job_that_slurm_queued_again_does_not_begin_anew_twice(trained, tmp_pa
         ("runs=25", "runs"),
         ("data.split.train=0.6", "data.split.train"),
         (("runs=25", "campaign.duration=0.8"), "runs"),  # the same machines, recorded for longer
+        # the same machines, but for those that draw more
+        (("runs=25", "campaign.random={gravity.1: [-9.81, 0]}", "campaign.random_share=0.5"), "runs"),
     ],
 )
 def test_weights_that_have_seen_what_they_would_be_tested_on_are_refused(refused, trained, other, words):
@@ -95,6 +99,32 @@ def test_weights_that_have_seen_a_stored_data_set_are_refused(refused, trained):
     stored = ("data=stored", f"data.source.path='{stored}'", "split_seed=7")
     words = "has seen recordings that this training would be tested on"
     refused("train", words, *TREES, f"begin='{trained}/run'", *stored)
+
+
+def test_weights_that_divided_other_recordings_of_the_same_machines_are_refused(trained, tmp_path):
+    run = shutil.copytree(trained / "run", tmp_path / "run")
+    config, metrics = read_yaml(run / "config.yaml"), read_json(run / "metrics.json")
+    count, fingerprint = metrics["data"]["recordings"], metrics["data"]["fingerprint"]
+    require_same_division(run, config, count, "of the same runs, recorded otherwise")
+    with pytest.raises(InputError, match=f"divided {count} recordings of these machines.*{count - 1} now"):
+        require_same_division(run, config, count - 1, fingerprint)
+    config["data"]["source"]["simulation"]["seed"] = 8  # other machines
+    require_same_division(run, config, count - 1, fingerprint)
+    config["data"]["source"] = {"_target_": "clearance.windows.measured.MeasuredSource", "path": "list.csv"}
+    (run / "config.yaml").write_text(yaml.safe_dump(config))
+    require_same_division(run, config, count, fingerprint)
+    with pytest.raises(InputError, match="or others"):
+        require_same_division(run, config, count, "of a list with other lines")
+
+
+@pytest.mark.parametrize("left", ["config.yaml", "checkpoints"])
+def test_files_that_no_training_left_are_kept(refused, tmp_path, left):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run/model.step").write_text("a drawing")
+    (tmp_path / "run" / left).write_text("- mine\n")
+    refused("train", "run holds files that no training left; choose another hydra.run.dir", *TREES)
+    assert (tmp_path / "run/model.step").read_text() == "a drawing"
+    assert (tmp_path / "run" / left).read_text() == "- mine\n"
 
 
 @pytest.mark.parametrize("other", ["sensors=crank", "joint=unknown"])

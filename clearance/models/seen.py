@@ -9,11 +9,15 @@ from clearance.errors import InputError
 from clearance.models.run_folder import CONFIG, METRICS
 from clearance.models.trusted import instantiate_trusted
 from clearance.recording.dataset import Dataset
-from clearance.whole_files import read_yaml
+from clearance.whole_files import read_json, read_yaml
 
 log = logging.getLogger(__name__)
-_MACHINES = ("mechanism", "joint", "seed", "clearance_range", "speed_range", "random", "random_share")
-"""Of a campaign, what decides the machine of a run: however it is recorded, it is the same machine."""
+_MACHINES = ("mechanism", "seed", "clearance_range", "speed_range")
+"""Of a campaign, what decides the machine of a run, however it is recorded.
+
+Not its joint and what is drawn at random beside: some runs of a campaign that leaves these to chance are
+those of one that does not.
+"""
 
 
 def require_apart(begin: Path, config: Mapping[str, Any]) -> None:
@@ -54,6 +58,37 @@ def require_apart(begin: Path, config: Mapping[str, Any]) -> None:
             )
 
 
+def require_same_division(begin: Path, config: Mapping[str, Any], recordings: int, fingerprint: str) -> None:
+    """Refuse weights whose training divided other recordings of the same machines.
+
+    Which recordings a seed sets apart depends on how many there are: of a store that has grown since, or of
+    runs of which others failed, some that were trained on would be tested on.
+
+    Args:
+        begin: folder of a finished training.
+        config: of the training that would go on from its weights, without interpolations.
+        recordings: that it divides.
+        fingerprint: of these.
+
+    Raises:
+        InputError: it, or what it went on from itself, divided others.
+    """
+    machines, _ = _seen(config)
+    if "streamed" in machines:
+        return
+    for folder, earlier in _ancestry(begin):
+        if _seen(earlier)[0] != machines or not (folder / METRICS).exists():
+            continue
+        known = read_json(folder / METRICS, "begin")["data"]
+        from_files = machines["path"] is not None
+        if known["fingerprint"] != fingerprint if from_files else known["recordings"] != recordings:
+            raise InputError(
+                f"begin={begin}: {folder} divided {known['recordings']} recordings of these machines, and "
+                f"there are {recordings} now, or others: it has seen some that this training would be tested "
+                "on; set another data_seed, or other data"
+            )
+
+
 def _ancestry(begin: Path) -> Iterator[tuple[Path, dict[str, Any]]]:
     """The configurations of a training, of the one whose weights it went on from, and so on."""
     known: list[Path] = []
@@ -61,7 +96,7 @@ def _ancestry(begin: Path) -> Iterator[tuple[Path, dict[str, Any]]]:
     while following is not None and following not in known:
         known.append(following)
         config: dict[str, Any] | None = (
-            read_yaml(following / CONFIG) if (following / CONFIG).exists() else None
+            read_yaml(following / CONFIG, "begin") if (following / CONFIG).exists() else None
         )
         if config is None:
             log.warning("%s is gone, so that nobody knows which recordings its weights have seen", following)
@@ -95,6 +130,7 @@ def _described(source: Mapping[str, Any]) -> tuple[dict[str, Any], int | None]:
         try:
             dataset = Dataset.open(path)
         except InputError:  # a training needs it no more
+            log.warning("%s is gone, so that nobody knows which machines it held", path)
             return {"path": str(path)}, source["runs"]
         return dataset.settings, source["runs"] or dataset.runs
     return {"path": str(path)}, None
