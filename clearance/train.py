@@ -2,7 +2,7 @@
 
 import logging
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from copy import deepcopy
 from dataclasses import asdict
 from pathlib import Path
@@ -14,13 +14,13 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
 from clearance.commands import command
-from clearance.configuration import set_key
+from clearance.configuration import CONFIGURATION, set_key
 from clearance.errors import InputError
 from clearance.evaluation.evaluate import evaluate
 from clearance.models.estimator import Estimator
 from clearance.models.gauge import Calibration, Gauge
 from clearance.models.run_folder import METRICS, RunFolder, environment
-from clearance.models.seen import require_apart
+from clearance.models.seen import require_apart, require_same_division
 from clearance.models.together import fit_together, shareable
 from clearance.whole_files import read_json
 from clearance.windows.datamodule import WindowData
@@ -35,12 +35,7 @@ def main(cfg: DictConfig) -> float | None:
     # Everything is checked before anything is written or computed.
     if not isinstance(cfg.resume, bool):
         raise InputError(f"resume = {cfg.resume!r} is neither true nor false; change resume")
-    asked = {set_key(one) for one in HydraConfig.get().overrides.task}
-    if "runs" in asked and "simulation" not in cfg.data.source:
-        raise InputError(
-            f"runs={cfg.runs}: a number of simulated runs, of which these data have none; leave it out, or "
-            "with data=stored set data.source.runs"
-        )
+    _require_read(cfg, {set_key(one) for one in HydraConfig.get().overrides.task})
     instantiate(cfg.sensors)
     data = instantiate(each[0].data, _convert_="all")
     estimators = [instantiate(one.model, _convert_="all") for one in each]
@@ -50,7 +45,10 @@ def main(cfg: DictConfig) -> float | None:
     if cfg.seeds is not None:
         shareable(estimators)
     runs = [open_run(one) for one in each]
+    shared = None if cfg.seeds is None else open_run(cfg)
     finished = all(run.finished for run in runs)
+    if not finished:  # what computes is nothing of what was trained
+        estimators[0].check_devices()
     if cfg.begin is not None and not finished:  # what is finished needs its weights no more
         require_apart(Path(str(cfg.begin)), plain(cfg))
         for estimator in estimators:
@@ -65,18 +63,20 @@ def main(cfg: DictConfig) -> float | None:
                 raise
             log.warning("its recordings cannot be read, so that nobody knows whether they changed: %s", error)
         else:
+            if cfg.begin is not None and not finished:
+                divided = len(data.recordings.lengths), data.recordings.fingerprint
+                require_same_division(Path(str(cfg.begin)), plain(cfg), *divided)
             for run in runs:
                 run.begin(data.recordings.fingerprint)
     if finished:
         for run in runs:
             log.info("%s is finished: resume=false trains again", run.path)
-        if cfg.seeds is not None:  # a kill after the last of them left what all shared
-            open_run(cfg).drop_checkpoints()
+        if shared is not None:  # a kill after the last of them left what all shared
+            shared.drop_checkpoints()
         return validation_error(runs)
-    if cfg.seeds is None:
+    if shared is None:
         judge(cfg, estimators[0], data, runs[0], estimators[0].fit(data, runs[0]), 1)
         return validation_error(runs)
-    shared = open_run(cfg)
     shared.begin(data.recordings.fingerprint)
     seconds = fit_together(shareable(estimators), data, runs, shared)
     failed: list[str] = []
@@ -90,6 +90,39 @@ def main(cfg: DictConfig) -> float | None:
         raise InputError("; ".join(failed))
     shared.drop_checkpoints()
     return validation_error(runs)
+
+
+def _require_read(cfg: DictConfig, asked: Collection[str]) -> None:
+    """Refuse what was asked for of data that have no such thing: it would change nothing.
+
+    Args:
+        cfg: the configuration.
+        asked: keys that were set on the command line.
+
+    Raises:
+        InputError: something was.
+    """
+    source = cfg.data.source
+    if "runs" in asked and "simulation" not in source:
+        raise InputError(
+            f"runs={cfg.runs}: a number of simulated runs, of which these data have none; leave it out, or "
+            "with data=stored set data.source.runs"
+        )
+    of_runs = {"campaign", "data_seed", *_groups_of_machine()}
+    for key in sorted(asked):
+        if "simulation" not in source and key.split(".")[0] in of_runs:
+            raise InputError(f"{key}: of simulated runs, of which these data have none; leave it out")
+        if "held_out" in source and (key == "split_seed" or key.startswith("data.split")):
+            raise InputError(
+                f"{key}: nothing is divided where every epoch is simulated anew; leave it out, and set "
+                "data.source.held_out for how many runs validate and test"
+            )
+
+
+def _groups_of_machine() -> set[str]:
+    """Groups of configurations that decide what a simulated sensor shows."""
+    defaults = OmegaConf.load(CONFIGURATION / "machine.yaml").defaults
+    return {str(group) for one in defaults if OmegaConf.is_dict(one) for group in one}
 
 
 def different(seeds: Any) -> list[int]:
@@ -157,7 +190,7 @@ def judge(
             "seed": cfg.seed,
             "split_seed": cfg.split_seed,
             "data": {"fingerprint": data.recordings.fingerprint, "recordings": len(data.recordings.lengths)},
-            "environment": environment(),
+            "environment": environment(*estimator.processors),
         }
     )
     log.info(
@@ -176,7 +209,9 @@ def judge(
 
 def validation_error(runs: Sequence[RunFolder]) -> float:
     """Mean NMAE on the validation windows: what a sweep compares."""
-    return float(np.mean([read_json(run.path / METRICS)["validation"]["nmae"] for run in runs]))
+    return float(
+        np.mean([read_json(run.path / METRICS, "resume=false")["validation"]["nmae"] for run in runs])
+    )
 
 
 if __name__ == "__main__":

@@ -66,12 +66,12 @@ def read_json(path: Path, key: str = "checkpoint") -> Any:
         raise InputError(f"{path}: not a readable file of a run ({error}); set {key}") from error
 
 
-def read_yaml(path: Path) -> dict[str, Any] | None:
-    """Read a configuration; None where there is none."""
+def read_yaml(path: Path, key: str = "checkpoint") -> dict[str, Any] | None:
+    """Read a configuration; None where there is none. One that cannot be read is mended by a key's value."""
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return None
     except (OSError, ValueError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: not a readable configuration ({error}); set checkpoint") from error
+        raise InputError(f"{path}: not a readable configuration ({error}); set {key}") from error
     return content if isinstance(content, dict) else None

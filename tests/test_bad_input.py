@@ -37,6 +37,11 @@ def recording(campaign):
     [
         ("rnus=3", "Could not override 'rnus': there is no such key; did you mean 'runs'"),
         ("mechanism.rod.lenght=1", "no such key; did you mean 'length'.*--cfg job shows all keys$"),
+        (
+            "mechanism.guide_offset=abc",
+            "guide_offset = 'abc' is not a number; change mechanism.guide_offset$",
+        ),
+        ("++seeed=7", r"\+\+seeed=7: \+ adds keys inside others"),
         ("contact.hardness=1", r"contact has restitution, .* is given as \+contact.hardness=1; --cfg"),
         ("runs=1,2", r"runs=1,2: several values are a sweep, which needs -m; a list is 'runs=\[1,2\]'$"),
         ("joint=B,C", "joint=B,C: several values are a sweep, which needs -m$"),
@@ -159,6 +164,16 @@ def test_simulate_with_other_settings_names_them(refused, campaign, tmp_path):
         ("data.split.train=0.9", "their sum below 1; set data.split.train"),
         ("clearance_range=0", r"= 0 is outside \(0, 1\]; change clearance_range"),
         ("calibration.coverage=2", r"coverage = 2 is outside \[0.01, 0.999\]"),
+        (
+            "trainer.precision=64-true",
+            "trainer.precision=64-true: must be one of 32-true, .*; set trainer.prec",
+        ),
+        ("trainer.accelerator=abacus", "change trainer.accelerator, devices or precision"),
+        (("data=streaming", "split_seed=3"), "split_seed: nothing is divided.*set data.source.held_out"),
+        (
+            ("data=stored", "data.source.path=a", "sensor_chain=mems"),
+            "sensor_chain: of simulated runs, of which these data have none; leave it out$",
+        ),
         ("data=stored", "Missing mandatory value: data.source.path is not given; write data"),
         (
             ("data=stored", "data.source.path=a", "runs=9"),
@@ -190,6 +205,7 @@ def test_train_refuses_before_it_simulates_or_writes(refused, tmp_path, override
     ("data", "words"),
     [
         (("data=stored", "data.source.path=nothing"), "nothing is not there; make it with"),
+        (("data=measured", "data.source.path=mm.csv"), r"clearance_c=0.3: must be 0 ... 0.02 m .not mm."),
         (("data=stored", "data.source.path=2024"), "2024 is not there; make it with"),
         (("data=measured", "data.source.path=2024"), "2024: not a readable list"),
         (("data=stored", "data.source.path=foreign"), "foreign is not a data set of this project"),
@@ -210,13 +226,19 @@ def test_train_names_what_is_wrong_with_its_data(refused, campaign, recording, t
     chunk.write_bytes(chunk.read_bytes()[:-100])
     write(recording, tmp_path / "run.parquet")
     (tmp_path / "list.csv").write_text("path,clearance_b\nrun.parquet,1e-4\n")
-    refused("train", words, *TREES, "data_seed=9", *data)
+    (tmp_path / "mm.csv").write_text("path,clearance_c\nrun.parquet,0.3\n")
+    refused("train", words, *TREES, *data)
     assert not (tmp_path / "run/metrics.json").exists()
 
 
 @pytest.mark.skipif(xgboost.build_info()["USE_CUDA"], reason="this XGBoost computes on GPUs")
 def test_trees_are_not_grown_on_a_gpu_that_the_library_does_not_know(refused):
     refused("train", "model.device=cuda: this XGBoost .*; set model.device=cpu", *TREES, "model.device=cuda")
+
+
+def test_a_forest_without_a_job_is_refused(refused):
+    words = "model.jobs = 0: must be -1 .all cores. or 1 ... 1024; set model.jobs"
+    refused("train", words, "experiment=smoke", "model=random_forest", "model.jobs=0")
 
 
 def test_trees_are_not_trained_together(refused, tmp_path):

@@ -143,6 +143,12 @@ def test_every_target_can_be_imported(path):
         assert callable(get_object(target)), target
 
 
+def test_the_kinds_of_one_network_are_reduced_alike():
+    for folder in {path.parent for path in (CONFIGURATION / "recipe").rglob("tdnn*.yaml")}:
+        kinds = {path.stem for path in (CONFIGURATION / "model").glob("tdnn*.yaml")}
+        assert {path.stem for path in folder.glob("tdnn*.yaml")} == kinds, folder
+
+
 def test_every_recipe_belongs_to_an_experiment_or_scale_and_a_model():
     for path in (CONFIGURATION / "recipe").rglob("*.yaml"):
         parents = [CONFIGURATION / of / f"{path.parent.name}.yaml" for of in ("experiment", "scale")]

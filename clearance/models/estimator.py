@@ -18,11 +18,24 @@ class Estimator(Protocol):
         """Numbers that training has set: weights, or nodes of trees."""
         ...
 
+    @property
+    def processors(self) -> tuple[int | None, bool]:
+        """Threads that compute it, where these are set, and whether a GPU does where there is one."""
+        ...
+
     def check(self, data: WindowData) -> None:
         """Refuse sensors, windows and targets that the model cannot read; ``data`` need not be set up.
 
         Raises:
             InputError: it cannot.
+        """
+        ...
+
+    def check_devices(self) -> None:
+        """Refuse what shall compute a training and is not there.
+
+        Raises:
+            InputError: it is not.
         """
         ...
 

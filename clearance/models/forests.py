@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import xgboost
+from joblib import effective_n_jobs
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 from sklearn.ensemble import RandomForestRegressor
@@ -60,13 +61,28 @@ class Trees:
         if self.value.ndim != 2:
             raise ValueError("value is not (nodes, targets)")
         nodes = len(self.value)
+        if any(len(getattr(self, name)) != nodes for name in ("left", "right", "feature", "threshold")):
+            raise ValueError("arrays are not one entry a node")
+        if self.depth.shape != (1,) or not 0 <= self.depth[0] <= nodes:
+            raise ValueError("no depth that these trees could have")
+        if self.feature.dtype != np.int64 or self.feature.min() < 0:
+            raise ValueError("feature does not point at features")
         for name in ("left", "right", "roots"):
             index = getattr(self, name)
             if index.dtype != np.int64 or index.size == 0 or index.min() < 0 or index.max() >= nodes:
                 raise ValueError(f"{name} does not point at nodes")
 
     def predict(self, rows: np.ndarray) -> np.ndarray:
-        """Mean of the trees for (windows, features): (windows, targets)."""
+        """Mean of the trees for (windows, features): (windows, targets).
+
+        Raises:
+            InputError: trees of other, larger windows.
+        """
+        if self.feature.max() >= rows.shape[1]:
+            raise InputError(
+                f"model.safetensors: trees of {self.feature.max() + 1} features or more, where windows have "
+                f"{rows.shape[1]}; set checkpoint"
+            )
         return np.concatenate(
             [self._predict(part) for part in np.array_split(rows, -(-len(rows) // _ROWS) or 1)]
         )
@@ -96,6 +112,8 @@ class RandomForest:
         require(self, 1, 100_000, whole=True, trees=trees, depth=depth)
         require(self, 0.0, 1.0, strict=True, features=features)
         require(self, -1, 1024, whole=True, jobs=jobs)
+        if jobs == 0:
+            raise InputError("model.jobs = 0: must be -1 (all cores) or 1 ... 1024; set model.jobs")
         self._settings = {"n_estimators": trees, "max_depth": depth, "max_features": features, "n_jobs": jobs}
         self.trees: Trees
 
@@ -104,8 +122,16 @@ class RandomForest:
         """Nodes of all trees."""
         return len(self.trees.value)
 
+    @property
+    def processors(self) -> tuple[int | None, bool]:
+        """Threads of the processor."""
+        return effective_n_jobs(self._settings["n_jobs"]), False
+
     def check(self, data: WindowData) -> None:
         """Nothing: trees read windows of any shape."""
+
+    def check_devices(self) -> None:
+        """Nothing: processors are there."""
 
     def begin(self, folder: Path) -> None:
         """Refused: trees do not go on from others."""
@@ -154,11 +180,6 @@ class GradientBoosting:
         require(self, 0.0, 1.0, strict=True, learning_rate=learning_rate)
         if device not in ("cpu", "cuda"):
             raise InputError(f"model.device={device}: must be cpu or cuda; set model.device")
-        if device == "cuda" and not xgboost.build_info()["USE_CUDA"]:
-            raise InputError(
-                "model.device=cuda: this XGBoost computes on processors alone (pip install xgboost in place "
-                "of xgboost-cpu); set model.device=cpu"
-            )
         self._rounds = rounds
         self._settings = {
             "max_depth": depth,
@@ -175,8 +196,21 @@ class GradientBoosting:
         """Nodes of all trees."""
         return sum(tree.count("\n") for tree in self.model.get_dump())
 
+    @property
+    def processors(self) -> tuple[int | None, bool]:
+        """Threads, of which the library takes as many as torch, and whether a GPU computes."""
+        return None, self._settings["device"] == "cuda"
+
     def check(self, data: WindowData) -> None:
         """Nothing: trees read windows of any shape."""
+
+    def check_devices(self) -> None:
+        """Refuse a GPU that the library cannot use."""
+        if self._settings["device"] == "cuda" and not xgboost.build_info()["USE_CUDA"]:
+            raise InputError(
+                "model.device=cuda: this XGBoost computes on processors alone (pip install xgboost in place "
+                "of xgboost-cpu); set model.device=cpu"
+            )
 
     def begin(self, folder: Path) -> None:
         """Refused: trees do not go on from others."""

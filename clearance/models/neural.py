@@ -31,7 +31,7 @@ from torchmetrics import MetricCollection
 
 from clearance.errors import InputError
 from clearance.mechanism.parameters import require
-from clearance.models.processor import efficient_processor
+from clearance.models.processor import efficient_processor, used_threads
 from clearance.models.regressor import Regressor
 from clearance.models.run_folder import RunFolder
 from clearance.models.schedule import Schedule
@@ -40,6 +40,7 @@ from clearance.windows.datamodule import WindowData
 from clearance.windows.window_set import WindowSet
 
 log = logging.getLogger(__name__)
+_PRECISIONS = ("32-true", "32", "bf16-mixed", "bf16", "16-mixed", "16")
 _SHAPE = ("channels", "length", "outputs")  # of a network, as its arguments and in its file
 _PREDICTED_AT_ONCE = 512  # windows: bounds the memory of activations
 
@@ -54,7 +55,7 @@ class Training:
     epochs: int = 200
     patience: int = 20  # epochs without a better validation loss
     monitor: str = "val/loss"  # chooses the epoch whose weights are kept
-    precision: str = "32-true"  # of Lightning: bf16-mixed computes products in 16 bits
+    precision: str = "32-true"  # of Lightning: bf16-mixed computes products in 16 bits; weights keep 32
     accelerator: str = "auto"
     devices: int | None = None  # GPUs, or processes without one, that share each batch; null: one
     threads: int | None = None  # of the processor; null takes all that this process may use, 8 at most
@@ -143,14 +144,32 @@ class NeuralEstimator:
         """Number of weights."""
         return sum(p.numel() for p in self.net.parameters())
 
+    @property
+    def processors(self) -> tuple[int | None, bool]:
+        """Threads, and whether a GPU is taken where there is one."""
+        return used_threads(self.training.threads), self.training.accelerator != "cpu"
+
     def check(self, data: WindowData) -> None:
         """Build the network and let it read a window of zeros: what fails shows before there are data."""
+        plan = self.training
+        if str(plan.precision) not in _PRECISIONS:
+            raise InputError(
+                f"trainer.precision={plan.precision}: must be one of {', '.join(_PRECISIONS)}; set "
+                "trainer.precision"
+            )
         self._build_for(data)
         try:
             with torch.inference_mode():
                 self.net(torch.zeros(1, data.windows.length, len(data.channels)))
         except RuntimeError as error:
             raise InputError(f"model.net: {error}; change model.net, or windows.length") from error
+
+    def check_devices(self) -> None:
+        """Make Lightning's trainer, which looks for them."""
+        with warnings.catch_warnings():
+            _quiet()
+            off = ("logger", "enable_checkpointing", "enable_progress_bar", "enable_model_summary")
+            _trainer(**_devices(self.training), **dict.fromkeys(off, False))
 
     def fit(self, data: WindowData, run: RunFolder) -> float:
         """Train until the validation loss stops falling, or go on from the last checkpoint of ``run``."""
@@ -218,14 +237,23 @@ class NeuralEstimator:
                 state = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
             self._build(*(int(shape[name]) for name in _SHAPE))
         except (OSError, SafetensorError, TypeError, KeyError, ValueError) as error:
-            raise InputError(f"{path}: not the weights of a network ({error}); set checkpoint") from error
+            raise InputError(
+                f"{path}: not the weights of a network ({error}); set checkpoint or begin"
+            ) from error
         self._take(state, str(path))
         self.net.eval()
 
     def begin(self, folder: Path) -> None:
-        """Train from the weights that ``save`` left in the folder of another training, not from chance."""
+        """Train from the weights that ``save`` left in the folder of another training, not from chance.
+
+        They must fit what ``check`` was called with, where it was.
+        """
+        wanted = self._shape
         self.load(folder)
         self._begun = {name: value.clone() for name, value in self.net.state_dict().items()}
+        if any(wanted):
+            self._build(*wanted)
+            self._take(self._begun, "begin")
 
     def _take(self, weights: dict[str, torch.Tensor], source: str) -> None:
         try:
@@ -277,12 +305,8 @@ def run_lightning(
     with efficient_processor(plan.threads), warnings.catch_warnings():
         _quiet()
         trainer = _trainer(
-            accelerator=plan.accelerator,
-            devices=plan.devices or 1,
-            # Spawned processes: this one goes on alone with what they have written.
-            strategy="ddp_spawn" if (plan.devices or 1) > 1 else "auto",
+            **_devices(plan),
             use_distributed_sampler=False,  # BatchOrder shares the windows out
-            precision=plan.precision,
             max_epochs=plan.epochs,
             callbacks=[*callbacks, progress],
             plugins=[AtomicCheckpoints()],
@@ -298,6 +322,17 @@ def run_lightning(
             trainer.fit(module, datamodule=data, ckpt_path=last if last.exists() else None, weights_only=True)
     if trainer.interrupted:
         raise KeyboardInterrupt
+
+
+def _devices(plan: Training) -> dict[str, Any]:
+    """What computes, for Lightning."""
+    return {
+        "accelerator": plan.accelerator,
+        "devices": plan.devices or 1,
+        # Spawned processes: this one goes on alone with what they have written.
+        "strategy": "ddp_spawn" if (plan.devices or 1) > 1 else "auto",
+        "precision": plan.precision,
+    }
 
 
 def _trainer(**settings: Any) -> L.Trainer:
@@ -352,5 +387,6 @@ def _quiet() -> None:
         ".*exists and is not empty.*",
         ".*treespec.*LeafSpec.*",
         ".*`srun` command is available.*",
+        ".*GPU available but not used.*",
     ):
         warnings.filterwarnings("ignore", message=message)

@@ -21,7 +21,7 @@ def efficient_processor(threads: int | None = None) -> Iterator[None]:
     """
     _keep_freed_memory()
     before = torch.get_num_threads()
-    torch.set_num_threads(threads or min(len(os.sched_getaffinity(0)), _MOST_THREADS))
+    torch.set_num_threads(used_threads(threads))
     flushes = torch.set_flush_denormal(True)
     if flushes and not denormals_flushed():
         log.warning(
@@ -32,6 +32,11 @@ def efficient_processor(threads: int | None = None) -> Iterator[None]:
     finally:
         torch.set_flush_denormal(False)
         torch.set_num_threads(before)
+
+
+def used_threads(asked: int | None) -> int:
+    """As many threads as were asked for; otherwise all that this process may use, up to some."""
+    return asked or min(len(os.sched_getaffinity(0)), _MOST_THREADS)
 
 
 def _keep_freed_memory() -> None:

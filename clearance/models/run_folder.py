@@ -28,8 +28,8 @@ _COMPUTING = frozenset(key.rpartition(".")[2] for key in HARDWARE)  # copied to 
 _ASKED = ("experiment", "chosen_model", "overrides", "folder", "resume")
 """How a training was asked for: does not change it."""
 _OUTDATED = (
-    METRICS, "model.*", "scalers.json", "calibration.json", "fresh.json", "perturbed.json",
-    "events.out.tfevents.*",
+    METRICS, "model.safetensors", "model.ubj", "scalers.json", "calibration.json", "fresh.json",
+    "perturbed.json", "events.out.tfevents.*",
 )  # fmt: skip
 """Of another training: what it left, and what was measured of its weights since."""
 
@@ -57,9 +57,13 @@ class RunFolder:
         """Open the folder of ``config``: the same training goes on where it stopped, unless it shall not.
 
         Raises:
-            InputError: if another training has left something there that would be lost.
+            InputError: if another training, or somebody, has left something there that would be lost.
         """
-        other = _differing(_task(read_yaml(path / CONFIG) or {}), _task(config))
+        found = read_yaml(path / CONFIG, "hydra.run.dir")
+        known = set(found or {}) & set(config)  # of a training's configuration, not of somebody's
+        if not known and any((path / name).exists() for name in (CONFIG, "checkpoints")):
+            raise InputError(f"{path} holds files that no training left; choose another hydra.run.dir")
+        other = _differing(_task(found or {}), _task(config))
         if resume and other and ((path / METRICS).exists() or (path / "checkpoints").exists()):
             raise InputError(
                 f"{path} holds a training with other settings ({', '.join(other)}): choose another "
@@ -161,13 +165,18 @@ def _differing(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
     return sorted(key for key in {*one, *other} if one.get(key) != other.get(key))
 
 
-def environment() -> dict[str, Any]:
-    """Hardware and versions that a duration or a last digit depends on."""
+def environment(threads: int | None = None, gpu: bool = True) -> dict[str, Any]:
+    """Hardware and versions that a duration or a last digit depends on.
+
+    Args:
+        threads: that computed; ``None``: as many as torch takes now.
+        gpu: whether a GPU computed, where there is one.
+    """
     packages = ("clearance", "torch", "lightning", "numpy", "scikit-learn")
     return {
         "processor": _processor(),
-        "threads": torch.get_num_threads(),
-        "gpu": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
+        "threads": threads or torch.get_num_threads(),
+        "gpu": torch.cuda.get_device_name() if gpu and torch.cuda.is_available() else None,
         "python": platform.python_version(),
         "packages": {name: metadata.version(name) for name in packages},
     }

@@ -18,6 +18,8 @@ from clearance.recording.position import declared_positions, elsewhere
 from clearance.recording.recording import SAME_RATE, Recording
 from clearance.windows.sources import FixedSource, LabelledRecordings, check_memory
 
+_LARGEST = 0.02  # m, of a clearance
+
 
 @dataclass
 class MeasuredSource(FixedSource):
@@ -64,7 +66,8 @@ class MeasuredSource(FixedSource):
             )
         clearances = np.array([[_number(entry, name, self.path) for name in targets] for entry in entries])
         names = [_group(entry, number) for number, entry in enumerate(entries)]
-        digest.update(clearances.tobytes() + repr(names).encode())
+        own = [{name: place for name, place in one.items() if name in channels} for one in places]
+        digest.update(clearances.tobytes() + repr((names, rates, chains, own)).encode())
         lengths = np.array([len(one) for one in signals])
         return LabelledRecordings(
             channels=tuple(channels),
@@ -163,6 +166,9 @@ def _number(entry: dict[str, Any], key: str, path: str) -> float:
         value = _float(entry[key])
     except (KeyError, TypeError, ValueError):
         raise InputError(f"{path}: {entry['path']} has no number {key} [m]; add it to the list") from None
-    if not (0 <= value < 1):
-        raise InputError(f"{path}: {entry['path']} has {key}={value}: must be 0 ... 1 m; correct the list")
+    if not 0.0 <= value <= _LARGEST:
+        raise InputError(
+            f"{path}: {entry['path']} has {key}={value}: must be 0 ... {_LARGEST} m (not mm); correct "
+            "the list"
+        )
     return value
