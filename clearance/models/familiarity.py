@@ -62,23 +62,28 @@ class Familiarity:
         training: Sequence[np.ndarray],
         calibration: Sequence[np.ndarray],
         false_rejection: float = 0.02,
+        machines: np.ndarray | None = None,
     ) -> "Familiarity":
-        """Take references from training recordings, limits from others; each (samples, channels) scaled."""
+        """Take references from training recordings, limits from others; each (samples, channels) scaled.
+
+        Of ``calibration`` (recordings,) ``machines`` says whose each is; ``None``: each of another one.
+        """
         step = -(-len(training) // _MOST_REFERENCES)
         references = np.array([features(r, length, rate) for r in training[::step]])
         # A feature that hardly varies in training must not turn round-off into distance.
         scale = np.maximum(references.std(axis=0), 0.02)
         most = min(len(r) for r in calibration) // length
         table = [2**k for k in range(most.bit_length()) if 2**k < most] + [most]
-        # With few recordings the wanted share cannot be promised: the largest distance gives 1/(n + 1).
-        share = max(false_rejection, 1 / (len(calibration) + 1))
+        # With few machines the wanted share cannot be promised: the largest distance gives 1/(n + 1).
+        count_of_machines = len(calibration) if machines is None else len(np.unique(machines))
+        share = max(false_rejection, 1 / (count_of_machines + 1))
         draft = cls(
             channels, varying, rate, length, scale, references, tuple(table), (np.inf,) * len(table), share
         )
         limits = []
         for count in table:
             scores = [draft._distance(features(r[: count * length], length, rate))[0] for r in calibration]
-            limit = conformal_quantile(np.array(scores), 1 - share)
+            limit = conformal_quantile(np.array(scores), 1 - share, machines)
             limits.append(max(scores) if limit is None else limit)
         return cls(channels, varying, rate, length, scale, references, tuple(table), tuple(limits), share)
 

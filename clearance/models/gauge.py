@@ -104,14 +104,8 @@ class Gauge:
             false_rejection: Share of familiar recordings that may be called unfamiliar [-].
             limit: Largest clearance the gauge is made for [m]; that of the data where it is larger.
         """
-        scalers, recordings = data.scalers, data.recordings
-        tests, machines = len(data.parts.test), len(np.unique(recordings.groups[data.parts.test]))
-        if machines < tests:
-            log.warning(
-                "the interval is calibrated on %d recordings of %d machines as if each were of another one: "
-                "on a machine that is not among them it holds less often than %.0f %% of the time",
-                tests, machines, 100.0 * coverage,
-            )  # fmt: skip
+        scalers, recordings, tests = data.scalers, data.recordings, np.sort(data.parts.test)
+        machines = recordings.groups[tests]
         limit = max(limit, float(recordings.target.max()))
         validation, test = (
             by_recording(estimate_windows(estimator, scalers, part), part, recordings.target)
@@ -123,8 +117,9 @@ class Gauge:
             recordings.rate,
             data.windows.length,
             [recordings.recording(int(i)) for i in data.parts.train],
-            [recordings.recording(int(i)) for i in data.parts.test],
+            [recordings.recording(int(i)) for i in tests],
             false_rejection,
+            machines,
         )
         intervals, thresholds = [], []
         for place in range(len(data.targets)):
@@ -132,9 +127,16 @@ class Gauge:
                 [(values[:, place], float(truth[place])) for values, truth in part]
                 for part in (validation, test)
             )
-            intervals.append(ConformalInterval.calibrate(own, others, coverage, limit))
+            intervals.append(ConformalInterval.calibrate(own, others, coverage, limit, machines))
             points, loose = np.array([point(each) for each, _ in own]), np.array([t > 0.0 for _, t in own])
             thresholds.append(choose_threshold(points, loose, limit))
+        if any(one.quantiles[-1] is None for one in intervals):
+            log.warning(
+                "%d recordings of %d machines are too few for an interval that holds %.0f %% of the time: it "
+                "is the whole range; calibration.coverage=%.2f and less is possible",
+                len(tests), len(np.unique(machines)), 100.0 * coverage,
+                np.floor(100.0 * (1.0 - 1.0 / (len(np.unique(machines)) + 1))) / 100.0,
+            )  # fmt: skip
         return cls(
             estimator, scalers, data.targets, tuple(intervals),
             tuple(thresholds) if len(thresholds) > 1 else None, familiarity, recordings.chain,

@@ -1,10 +1,10 @@
 """One clearance of a recording from its windows, with an interval that holds a stated share of the time.
 
-Split conformal prediction with normalised scores, by recording: a recording is one exchangeable unit, its
-windows are not. Reference: Lei et al. 2018, J. Am. Stat. Assoc. 113(523), 1094-1111, Sections 2 and 5.2.
+Split conformal prediction with normalised scores, by recording: windows are not exchangeable, recordings are.
+Of several of one machine the machine is the unit, and they share its weight. References: Lei et al. 2018, J.
+Am. Stat. Assoc. 113(523), 1094-1111, Sections 2 and 5.2; Lee, Barber & Willett 2023, arXiv:2306.06342.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -54,6 +54,7 @@ class ConformalInterval:
         calibration: Sequence[tuple[np.ndarray, float]],
         coverage: float = 0.9,
         limit: float = 1e-3,
+        machines: np.ndarray | None = None,
     ) -> "ConformalInterval":
         """Calibrate.
 
@@ -63,6 +64,7 @@ class ConformalInterval:
             calibration: The same of recordings that neither training nor the choice of an epoch has seen.
             coverage: Wanted share [-].
             limit: Largest clearance [m].
+            machines: (recordings,) whose each of ``calibration`` is; ``None``: each of another one.
         """
         if not 0 < coverage < 1:
             raise InputError(
@@ -78,7 +80,9 @@ class ConformalInterval:
         table = [2**k for k in range(most.bit_length()) if 2**k < most] + [most]
         quantiles = [
             conformal_quantile(
-                np.array([_score(_middle(e, n), truth, floor) for e, truth in calibration]), coverage
+                np.array([_score(_middle(e, n), truth, floor) for e, truth in calibration]),
+                coverage,
+                machines,
             )
             for n in table
         ]
@@ -107,10 +111,25 @@ class ConformalInterval:
         )
 
 
-def conformal_quantile(scores: np.ndarray, coverage: float) -> float | None:
-    """The ceil((n + 1) coverage)-th smallest of n scores; None where n is too small for any finite one."""
-    rank = math.ceil((len(scores) + 1) * coverage - 1e-9)  # 1e-9: round-off must not add a rank
-    return float(np.sort(scores)[rank - 1]) if rank <= len(scores) else None
+def conformal_quantile(
+    scores: np.ndarray, coverage: float, machines: np.ndarray | None = None
+) -> float | None:
+    """The smallest score up to which lies ``coverage`` of the weight; None where no finite one has so much.
+
+    Of n machines each weighs 1 / (n + 1), which its scores share; what is left is the next machine's. With
+    one score each it is the ceil((n + 1) coverage)-th smallest.
+
+    Args:
+        scores: (scores,).
+        coverage: Wanted share [-].
+        machines: (scores,) whose each is; ``None``: each of another one.
+    """
+    machines = np.arange(len(scores)) if machines is None else machines
+    _, place, count = np.unique(machines, return_inverse=True, return_counts=True)
+    order = np.argsort(scores, kind="stable")
+    weight = np.cumsum(1.0 / count[place[order]]) / (len(count) + 1)
+    rank = int(np.searchsorted(weight, coverage - 1e-9))  # 1e-9: round-off must not add a rank
+    return float(scores[order[rank]]) if rank < len(scores) else None
 
 
 def _score(estimates: np.ndarray, truth: float, floor: float) -> float:

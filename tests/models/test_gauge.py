@@ -46,17 +46,28 @@ def test_a_gauge_of_larger_clearances_than_the_configured_reaches_as_far_as_its_
     assert (one.low_m, one.high_m) == (0.0, max(data.recordings.target.max(), one.clearance_m))
 
 
-def test_of_how_many_machines_an_interval_knows_is_said(trained, monkeypatch):
+def test_recordings_of_few_machines_promise_no_more_than_these(trained, monkeypatch):
     gauge, data = trained
     said: list[str] = []
     monkeypatch.setattr("clearance.models.gauge.log.warning", lambda text, *of: said.append(text % of))
     tests = len(data.parts.test)
-    data.recordings.groups[data.parts.test] = np.arange(tests) // 2  # two recordings of each machine
-    machines = len(np.unique(data.recordings.groups[data.parts.test]))
-    assert machines < tests
-    Gauge.calibrate(gauge.estimator, data, coverage=0.8, false_rejection=0.05, limit=1e-3)
-    assert len(said) == 1
-    assert f"on {tests} recordings of {machines} machines" in said[0]
+    wanted = {"coverage": 0.8, "false_rejection": 0.05, "limit": 1e-3}
+    apart = Gauge.calibrate(gauge.estimator, data, **wanted)
+    assert apart.intervals[0].quantiles[-1] is not None
+    assert said == []
+    groups = data.recordings.groups.copy()
+    try:
+        data.recordings.groups[np.sort(data.parts.test)] = 1000 + np.arange(tests) % 3
+        found = Gauge.calibrate(gauge.estimator, data, **wanted)
+        assert found.intervals[0].quantiles[-1] is None  # three machines support 75 %
+        assert found.familiarity.false_rejection == 0.25
+        assert len(said) == 1
+        assert f"{tests} recordings of 3 machines are too few" in said[0]
+        assert "calibration.coverage=0.75" in said[0]
+        lower = Gauge.calibrate(gauge.estimator, data, **{**wanted, "coverage": 0.75})
+        assert lower.intervals[0].quantiles[-1] is not None
+    finally:
+        data.recordings.groups[:] = groups
 
 
 def test_a_recording_is_scaled_as_in_training(trained):

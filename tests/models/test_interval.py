@@ -73,6 +73,34 @@ def test_the_quantile_is_the_smallest_score_that_covers_in_finite_samples(n, cov
         assert (value - 1) / (n + 1) < coverage
 
 
+@pytest.mark.parametrize("each", [1, 12])
+def test_the_stated_share_holds_on_machines_that_nobody_has_seen(each):
+    """What recordings of one machine share is an error that more of them do not average out."""
+    rng = np.random.default_rng(4)
+
+    def machines(count, of_each):
+        return [
+            (error + 0.05 * rng.normal(), machine)
+            for machine, error in enumerate(rng.normal(size=count))
+            for _ in range(of_each)
+        ]
+
+    held = []
+    for _ in range(400):
+        scores, whose = map(np.array, zip(*machines(12, each), strict=True))
+        limit = conformal_quantile(np.abs(scores), 0.8, whose)
+        held += [abs(error) <= limit for error, _ in machines(5, 1)]
+    # Theory: 0.8 to 0.8 + 1/13; 400 calibrations of 12 machines scatter it by 0.006, 2000 trials by 0.009.
+    assert 0.8 - 0.03 < np.mean(held) < 0.8 + 1.0 / 13.0 + 0.03
+
+
+def test_machines_of_many_recordings_weigh_no_more_than_others():
+    scores, machines = np.array([1.0] * 50 + [2.0, 3.0, 4.0]), np.array([0] * 50 + [1, 2, 3])
+    assert [conformal_quantile(scores, share, machines) for share in (0.2, 0.4, 0.6, 0.8, 0.81)] == [
+        1.0, 2.0, 3.0, 4.0, None,
+    ]  # fmt: skip
+
+
 def test_odd_windows_do_not_move_the_estimate():
     values = np.array([1.0] * 9 + [100.0])
     assert robust_mean(values) == 1.0
