@@ -56,6 +56,8 @@ def corrected(recording: Recording, channels: Sequence[str] | None = None) -> Re
         if len(missing) == 2:
             continue
         if missing:
+            if (beta if missing == [first] else alpha) == 0.0:
+                continue  # what is recorded looks along its own axis
             raise InputError(
                 f"sensors: a mounting_angle mixes {first} and {turned}, but {missing[0]} is not recorded; "
                 "record it too, or leave the angle out"

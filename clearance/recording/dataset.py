@@ -108,8 +108,8 @@ class Dataset:
             }
             _lay_out(folder, labels, (len(labels), samples, len(channels)), attributes)
         dataset = cls.open(folder)
-        if dataset.fingerprint != fingerprint:
-            differing = ", ".join(_differences(dataset.settings, settings)) or "the version of its layout"
+        differing = ", ".join(_differences(dataset.settings, settings))
+        if dataset.fingerprint != fingerprint and differing:  # 3 and 3.0 are the same
             raise InputError(
                 f"dataset = {folder} was made with other settings ({differing}); choose another dataset= path"
             )

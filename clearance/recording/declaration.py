@@ -128,6 +128,10 @@ def _checked(name: str, content: Mapping[str, Any]) -> Declaration:
         raise InputError(
             f"scale.{zero[0]}: {scale[zero[0]]:g} loses the signal; give a factor other than 0 (time: > 0)"
         )
+    metadata = _mapping(given.get("metadata", {}), "metadata")
+    for own in ("sensors", "chain"):
+        if own in metadata:
+            raise InputError(f"metadata.{own}: this name is kept for what {own} declares; give it another")
     rate = bounded(given["rate"], "rate", *RATE_LIMITS, "Hz") if "rate" in given else None
     return Declaration(
         name=name,
@@ -138,7 +142,7 @@ def _checked(name: str, content: Mapping[str, Any]) -> Declaration:
         rate=rate,
         sensors=_sensors(_mapping(given.get("sensors", {}), "sensors")),
         chain=_chain(_mapping(given.get("chain", {}), "chain")),
-        metadata=_mapping(given.get("metadata", {}), "metadata"),
+        metadata=metadata,
     )
 
 

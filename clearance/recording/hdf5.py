@@ -117,6 +117,8 @@ def _collect(path: str) -> Datasets:
         require_size(node.size)
         columns[name] = np.asarray(node[()], dtype=np.float64).reshape(-1)
         stated = node.attrs.get("unit", node.attrs.get("units"))
+        if isinstance(stated, np.ndarray) and stated.size == 1:  # as some writers store a text
+            stated = stated.reshape(-1)[0]
         if isinstance(stated, str | bytes):
             units[name] = stated.decode() if isinstance(stated, bytes) else str(stated)
 

@@ -124,10 +124,12 @@ class Campaign:
         require(self, 0, 2**63, whole=True, seed=self.seed)
         require(self, 0.0, 3600.0, strict=True, duration=self.duration)
         require(self, 0.0, self.duration, record_start=self.record_start)
+        for name in ("duration", "record_start"):  # 3 and 3.0 are one campaign, and one fingerprint
+            object.__setattr__(self, name, float(getattr(self, name)))
         require_list(self, 2, *CLEARANCE_RANGE, clearance_range=self.clearance_range)
         require_list(self, 2, 1.0, 20_000.0, speed_range=self.speed_range)
         for name in ("clearance_range", "speed_range"):
-            low, high = limits = tuple(getattr(self, name))
+            low, high = limits = tuple(map(float, getattr(self, name)))
             object.__setattr__(self, name, limits)
             if low > high:
                 raise InputError(

@@ -85,7 +85,12 @@ def read_parquet(path: Path) -> Table:
         }
         wanted = [name for name in names if name not in refused]
         table = file.read(columns=wanted) if wanted else None
-    columns = {name: table.column(name).cast(pa.float64()).to_numpy() for name in wanted} if table else {}
+    columns = {
+        # Whole numbers beyond 2^53, as nanoseconds since 1970, are rounded as in the other formats.
+        name: table.column(name).cast(pa.float64(), safe=False).to_numpy()
+        for name in wanted
+        if table is not None
+    }
     units = {
         entry.name: entry.metadata[b"unit"].decode()
         for entry in schema
@@ -199,6 +204,8 @@ def read_mat(path: Path) -> Table:
     columns: dict[str, NDArray[np.float64]] = {}
     refused: dict[str, str] = {}
     for variable in variables(path.read_bytes(), 8 * MOST_SAMPLES):
+        if not variable.name:  # MATLAB's own, beside function handles and objects
+            continue
         if variable.values is None:
             refused[variable.name] = variable.refusal
         elif reason := shape_refusal(variable.shape):

@@ -88,9 +88,11 @@ def uniform_time_base(stamps: FloatArray, unit: float = 1.0, declared_rate: floa
     if latest > LATEST:
         raise InputError(f"time reaches {latest:g} s; give at most {LATEST:g} s, or its unit under `units:`")
     resolution = stamp_resolution(stamps) * unit
-    _require_increasing(times)
-    _require_uniform(times, resolution)
-    span = float(times[-1] - times[0])
+    # Subtract first: in seconds, a long clock (nanoseconds since 1970) has fewer digits than as it came.
+    since = (stamps - stamps[0]) * unit
+    _require_increasing(times, since)
+    _require_uniform(times, since, resolution)
+    span = float(since[-1])
     slack = 0.5 * float(resolution[0] + resolution[-1])
     steps = len(times) - 1
     if declared_rate is None:
@@ -105,8 +107,8 @@ def uniform_time_base(stamps: FloatArray, unit: float = 1.0, declared_rate: floa
     return TimeBase(rate, float(times[0]))
 
 
-def _require_increasing(times: FloatArray) -> None:
-    differences = np.diff(times)
+def _require_increasing(times: FloatArray, since: FloatArray) -> None:
+    differences = np.diff(since)
     back = np.flatnonzero(differences <= 0.0)
     if not len(back):
         return
@@ -123,15 +125,13 @@ def _require_increasing(times: FloatArray) -> None:
     )
 
 
-def _require_uniform(times: FloatArray, resolution: FloatArray) -> None:
-    differences = np.diff(times)
+def _require_uniform(times: FloatArray, since: FloatArray, resolution: FloatArray) -> None:
+    differences = np.diff(since)
     step = float(np.median(differences))
     longer = np.flatnonzero(differences > GAP * step)
     digits = 0.5 * (resolution[longer] + resolution[longer + 1])
     _require_no_gap(times, step, longer[differences[longer] > GAP * step + digits])
     sample = np.arange(len(times), dtype=np.float64) - 0.5 * (len(times) - 1)
-    # Subtract first: a long clock (seconds since 1970) would drown the residual in cancellation.
-    since = times - times[0]
     slope = float(sample @ since) / float(sample @ sample)
     residual = since - since.mean() - slope * sample
     excess = np.abs(residual) - (ROUNDING * resolution + JITTER * slope)

@@ -95,6 +95,12 @@ def test_a_mounting_angle_needs_both_axes():
         corrected(alone)
 
 
+@pytest.mark.parametrize(("recorded", "turned"), [PAIR, PAIR[::-1]])
+def test_an_angle_of_an_axis_that_is_not_recorded_is_not_needed(recorded, turned):
+    alone = truth((recorded,), {"sensors": {turned: {"mounting_angle": 4.0}}})
+    np.testing.assert_array_equal(corrected(alone).values, alone.values)
+
+
 def test_what_is_wrong_with_a_channel_that_nobody_asks_for_does_no_harm():
     declared = {"rod_c_axial": {"bias": 0.7}, "rod_b_axial": {"mounting_angle": 4.0}}
     channels = ("rod_c_axial", "rod_b_axial", "rod_c_transverse")

@@ -136,6 +136,17 @@ def test_a_data_set_of_an_earlier_version_is_found_again():
     assert "random" not in SMALL.settings
 
 
+def test_a_whole_number_makes_no_other_data_set(tmp_path):
+    floats = replace(SMALL, runs=1, duration=1.0, record_start=0.0, speed_range=(500.0, 1000.0))
+    whole = replace(floats, duration=1, record_start=0, speed_range=[500, 1000])
+    assert whole.fingerprint == floats.fingerprint
+    gravity = replace(floats, mechanism=replace(SliderCrank(), gravity=(0, -9)))
+    made = (tmp_path / "data", gravity.labels([0]), ("rod_b_axial",), 10, 10.0, 0.0)
+    Dataset.create(*made, gravity.fingerprint, gravity.settings)
+    same = replace(gravity, mechanism=replace(SliderCrank(), gravity=(0.0, -9.0)))
+    Dataset.create(*made, same.fingerprint, same.settings)
+
+
 @pytest.mark.parametrize(
     ("random", "said"),
     [

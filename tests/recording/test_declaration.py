@@ -105,6 +105,10 @@ def test_an_empty_declaration_declares_nothing(csv):
             {"chain": {"base_rate": 1e5, "decimation": 10}},
             "decimation is 10000 Hz, the recording has 1000 Hz",
         ),
+        (
+            {"metadata": {"sensors": "PCB 352C33"}},
+            "metadata.sensors: this name is kept for what sensors decl",
+        ),
         ({"metadata": 7}, "metadata: '7' is not a mapping"),
     ],
 )
@@ -119,17 +123,19 @@ def test_a_wrong_declaration_is_one_line_that_names_the_key(csv, keys, message):
     "text",
     [
         "columns: {a: [",
-        "!!python/object/apply:os.system ['true']",
+        "!!python/object/apply:os.mkdir [executed]",
         "7",
         "? [1]\n: 2",
         "a: 2020-99-99",
         "\x00",
     ],
 )
-def test_what_is_no_yaml_is_refused_and_never_executed(csv, text):
+def test_what_is_no_yaml_is_refused_and_never_executed(csv, text, monkeypatch):
+    monkeypatch.chdir(csv.parent)
     csv.with_suffix(".yaml").write_text(text)
     with pytest.raises(InputError, match=r"run\.yaml"):
         read(csv)
+    assert not (csv.parent / "executed").exists()
 
 
 def test_two_declarations_are_one_too_many(csv):

@@ -136,11 +136,12 @@ def test_a_matlab_7_3_file_is_read_as_the_hdf5_file_that_it_is(tmp_path):
     np.testing.assert_array_equal(read(tmp_path / "run.mat").channel("rod_b_axial"), B)
 
 
-def test_an_hdf5_dataset_goes_by_its_path_where_two_share_a_name_and_states_its_unit(tmp_path):
+@pytest.mark.parametrize("unit", ["g", [b"g"], np.array(["g"], dtype=object)])
+def test_an_hdf5_dataset_goes_by_its_path_where_two_share_a_name_and_states_its_unit(tmp_path, unit):
     with h5py.File(tmp_path / "run.h5", "w") as file:
         for place in ("left", "right"):
             file[f"{place}/acc"] = B
-        file["left/acc"].attrs["unit"] = "g"
+        file["left/acc"].attrs["unit"] = unit
         file["time"] = TIME
         file["matrix"] = np.ones((3, 3))
     path = declare(tmp_path / "run.h5", columns={"left/acc": "rod_b_axial", "/right/acc": "rod_c_axial"})

@@ -144,7 +144,7 @@ def test_a_mounting_angle_without_the_other_axis_says_which():
 
 def test_the_order_is_gain_then_bias_then_saturation_then_resolution():
     recording = record(rod_b_axial=np.array([0.0, 1.0, 2.0, 3.0]))
-    result = measure(recording, rod_b_axial=Sensor(gain=2.0, bias=0.3, saturation=5.0, resolution=0.5))
+    result = measure(recording, rod_b_axial=Sensor(gain=2.0, bias=0.4, saturation=4.9, resolution=0.5))
     np.testing.assert_allclose(result.values[:, 0], [0.5, 2.5, 4.5, 5.0])
 
 

@@ -1,11 +1,15 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
+import scipy.io
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clearance.errors import InputError
 from clearance.recording.files import read, write
 from clearance.recording.recording import Recording
+from clearance.recording.tables import read_mat
 
 from .formats import (
     RATE,
@@ -109,6 +113,19 @@ def test_columns_of_different_length_are_refused(tmp_path):
         read(tmp_path / "run.mat")
 
 
+def test_whole_nanoseconds_since_1970_are_a_clock(tmp_path):
+    clock = 1_700_000_000_000_000_000 + (np.arange(SAMPLES) * 1e9 / RATE).astype(np.int64)
+    write_parquet(tmp_path / "run.parquet", columns(time=clock))
+    declare(tmp_path / "run.parquet", units={"time": "ns"})
+    assert read(tmp_path / "run.parquet").rate == pytest.approx(RATE)
+
+
+def test_what_matlab_adds_beside_a_function_handle_is_no_column(tmp_path):
+    own = Path(scipy.io.matlab.__file__).parent / "tests/data/parabola.mat"
+    found = read_mat(own)
+    assert "" not in {**found.columns, **found.refused}
+
+
 def test_a_parquet_column_that_is_no_number_is_refused_unless_ignored(tmp_path):
     path = tmp_path / "run.parquet"
     write_parquet(path, columns(rod_c_axial=["x"] * SAMPLES))
@@ -117,10 +134,17 @@ def test_a_parquet_column_that_is_no_number_is_refused_unless_ignored(tmp_path):
     assert read(declare(path, ignore=["rod_c_axial"])).channels == ("rod_b_axial",)
 
 
+FOREIGN = {
+    ".csv": "is not UTF-8|UTF-16 text, or none",
+    ".h5": "not readable as HDF5", ".hdf5": "not readable as HDF5",
+    ".mat": "does not begin as a MATLAB file", ".parquet": "not readable as Parquet",
+}  # fmt: skip
+
+
 @pytest.mark.parametrize("suffix", sorted(WRITERS))
 def test_a_foreign_file_is_named_as_such(tmp_path, suffix):
     (tmp_path / f"run{suffix}").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)))
-    with pytest.raises(InputError, match=r"run\."):
+    with pytest.raises(InputError, match=FOREIGN[suffix]):
         read(tmp_path / f"run{suffix}")
 
 
