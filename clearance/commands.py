@@ -29,10 +29,10 @@ from clearance.refusals import one_line, reworded, set_at
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _UNKNOWN_KEY = re.compile(r"the key that ends in '(\w+)'")
-_PATH_WITH_KEYS = re.compile(r"""([\w.]+)=([^'"\[{$(][^'"]*=[^'"]*)""")
+_PATH_WITH_KEYS = re.compile(r"""([\w.]+)=(?!\w+\(.*\)$)([^'"\[{$(][^'"]*=[^'"]*)""")
 _PATH_WITH_QUOTES = re.compile(r"""([\w.]+)=([^'"\[{$(]*/[^"$(]*'[^"$(]*)""")
 _LIST_OF_OPTIONS = re.compile(r"(\w+)=\[(.*,.*)\]")
-_ADDED = re.compile(r"\+(\w+)=.*")
+_ADDED = re.compile(r"\+\+?(\w+)=.*")
 
 
 def refuse(unused: Mapping[str, str]) -> None:
@@ -54,7 +54,8 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
     """Make a function of a configuration into a command with Hydra's command line.
 
     A wrong input ends the command with one line on standard error and exit code 2; so does a full disk. Asked
-    to end (SIGTERM, as a queue or a shutdown does) it ends as after Ctrl-C, with what it started.
+    to end (SIGTERM, as a queue or a shutdown does, or SIGHUP, as a terminal that is closed) it ends as after
+    Ctrl-C, with what it started.
 
     Args:
         name: of the file in ``conf/``.
@@ -74,7 +75,9 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
         def main() -> Any:
             os.environ["HYDRA_FULL_ERROR"] = "1"  # let errors through, instead of Hydra's own report of them
             before, threading.excepthook = threading.excepthook, _thread_error
-            signal.signal(signal.SIGTERM, _terminated)
+            for one in (signal.SIGTERM, signal.SIGHUP):
+                if signal.getsignal(one) is not signal.SIG_IGN:  # as nohup has it
+                    signal.signal(one, _terminated)
             try:
                 with _reported():
                     if {"--help", "-h"} & set(sys.argv[1:]):

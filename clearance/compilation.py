@@ -21,7 +21,8 @@ def _cache_folder() -> Path:
     package = Path(__file__).parent
     digest = hashlib.sha256(numba.__version__.encode())
     sources = [package / "lanes.py", package / "compilation.py"]
-    sources += [*package.glob("mechanism/**/*.py"), *package.glob("simulation/**/*.py")]
+    for folder in ("mechanism", "simulation", "diagnosis/kinematics"):
+        sources += package.glob(f"{folder}/**/*.py")
     for source in sorted(sources):
         digest.update(source.read_bytes())
     root = os.environ.get("CLEARANCE_CACHE") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"

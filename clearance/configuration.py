@@ -20,8 +20,12 @@ _HERE = Path(__file__).parent
 CONFIGURATION = _HERE / "conf" if (_HERE / "conf").is_dir() else _HERE.parent / "conf"
 """The configuration folder: inside the package in a wheel, beside it in a checkout."""
 
-MECHANISM_CLASSES = "clearance.mechanism."
-"""What a mechanism's file may make objects of: a file that a user names runs no other code."""
+_MECHANISM_CLASS = re.compile(r"clearance\.mechanism\.\w+\.[A-Z]\w*")
+"""What a mechanism's file may make objects of: a file that a user names runs no other code.
+
+A name of one of its modules that begins as a class does: no function, and nothing inside what a module
+imports.
+"""
 
 _MECHANISM_FILE = re.compile(r"""mechanism=(['"]?)(.+\.ya?ml)\1""")
 
@@ -71,10 +75,9 @@ def _add_mechanism(path: Path) -> str:
     if not isinstance(content, dict):
         raise InputError(f"mechanism={path}: holds no keys of a mechanism; choose another file")
     for target in targets(content):
-        if not str(target).startswith(MECHANISM_CLASSES):
+        if not _MECHANISM_CLASS.fullmatch(str(target)):
             raise InputError(
-                f"mechanism={path}: _target_ = {target} is no class of {MECHANISM_CLASSES[:-1]}; change "
-                "_target_"
+                f"mechanism={path}: _target_ = {target} is no class of clearance.mechanism; change _target_"
             )
     name = f"{re.sub(r'[^0-9A-Za-z_-]', '_', path.stem)}-{hashlib.sha256(text).hexdigest()[:8]}"
     ConfigStore.instance().store(name=name, node=node, group="mechanism", provider=str(path))

@@ -207,6 +207,8 @@ def test_a_folder_named_by_overrides_needs_no_quotes():
         "+a={b=1}",
         "model.rate=choice('a/b=1',c)",
         "seed=range(3)",
+        "seed=range(start=0,stop=3)",
+        "model=glob(*,exclude=xgboost)",
         "a='b=c'",
         "--help",
     ):

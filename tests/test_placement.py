@@ -26,6 +26,16 @@ def test_it_ranks_sets_and_writes_a_file_and_a_picture(monkeypatch, capfd, tmp_p
     assert (tmp_path / "placement.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_where_noise_is_a_share_a_channel_that_shows_nothing_tells_nothing(monkeypatch, capfd, tmp_path):
+    share = ("sensor_chain.default.noise_density=0", "+sensor_chain.default.noise=0.01", "most=1")
+    few = ("sensors.channels=[rod_b_axial,slider_vertical]", f"hydra.run.dir={tmp_path}", "workers=1")
+    one = ("conditions.clearances=[3e-4]", "conditions.speeds=[700]")
+    assert call(monkeypatch, capfd, "placement", *share, *few, *one)[0] == 0
+    first, last = json.loads((tmp_path / "placement.json").read_text())["ranking"]
+    assert (first["channels"], last["channels"]) == (["rod_b_axial"], ["slider_vertical"])
+    assert first["error_m"] < 0.05 * last["error_m"]
+
+
 def test_of_three_sensors_no_four_are_asked_for(monkeypatch, capfd, tmp_path):
     few = ("sensors.channels=[rod_b_axial,slider_vertical,slider_horizontal]", f"hydra.run.dir={tmp_path}")
     one = ("conditions.clearances=[3e-4]", "conditions.speeds=[700]", "workers=1")

@@ -124,4 +124,7 @@ def write_mechanism(path: Path, machine: SliderCrank, comment: str = "") -> None
     the command line.
     """
     content = {"defaults": ["slider_crank", "_self_"], **difference(SliderCrank(), machine)}
+    radius = machine.joint_c.journal_radius
+    if radius != machine.joint_b.journal_radius:  # where a file does not say C's, it has B's
+        content.setdefault("joint_c", {})["journal_radius"] = radius
     write_yaml(path, content, comment)

@@ -62,7 +62,8 @@ class SliderCrank:
     Attributes:
         crank: from A to B.
         rod: from B to C.
-        slider: C is its centre; its length has no effect: a loose guide has its own ``shoe_half_length``.
+        slider: C is its centre of mass; its length and ``center_of_mass`` have no effect: a loose guide has
+            its own ``shoe_half_length``.
         guide_offset: height of the guide line above A [m].
         gravity: components along x and y [m/s^2].
         sensor_positions: of the accelerometers [m] along their link from its first joint: crank A, crank B,
@@ -93,13 +94,13 @@ class SliderCrank:
         require_kind(self, Joint, "give {clearance: ...}", joint_b=self.joint_b, joint_c=self.joint_c)
         for name in _LAWS:
             require_kind(self, Family[name.upper()], **{name: getattr(self, name)})
+        require(self, -1.0, 1.0, guide_offset=self.guide_offset)
         reach = self.crank.length + abs(self.guide_offset)
         if self.rod.length <= reach:
             raise InputError(
                 f"mechanism.rod.length = {self.rod.length:g} m cannot turn: it must exceed crank length + "
                 f"offset = {reach:g} m; change mechanism.rod.length, .crank.length or .guide_offset"
             )
-        require(self, -1.0, 1.0, guide_offset=self.guide_offset)
         require_list(self, 2, -1e3, 1e3, gravity=self.gravity)
         object.__setattr__(self, "gravity", tuple(self.gravity))
         if self.sensor_positions is not None:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from clearance.compilation import entry, subroutine
-from clearance.lanes import get, put, where
+from clearance.lanes import get, put, where, zero
 from clearance.simulation.decimation import absorb_block, forward_output, retreat, start_sums
 from clearance.simulation.equations import evaluate
 from clearance.simulation.integrator import WORKSPACE, remember, step
@@ -143,7 +143,7 @@ def run_lanes(
         # backwards through the chunk just simulated, then through the one before, whose future is now known
         for c in range(channels):
             for i in range(2 * poles):
-                put(backward, c * 2 * poles + i, 0.0 * get(partial, 0))
+                put(backward, c * 2 * poles + i, zero(get(partial, 0)))
             if begin > 0 and poles > 0:
                 for k in range(chunk - 1, -1, -1):
                     place = ((half * chunk + k) * channels + c) * 2 * poles

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clearance.mechanism.frame import FlexibleFrame
+from clearance.mechanism.guide import LooseGuide
 from clearance.mechanism.parameters import JOINT_STRIDE, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.integrator import Integrator
@@ -92,6 +93,12 @@ class Trajectory:
         energy += 0.5 * p[Parameter.SPRING_STIFFNESS] * stretch**2
         frame_x, frame_y = s[:, State.FRAME_X], s[:, State.FRAME_Y]
         energy += 0.5 * p[Parameter.FRAME_STIFFNESS] * (frame_x**2 + frame_y**2)
+        if isinstance(machine.guide, LooseGuide):
+            height = s[:, State.SLIDER_Y] - frame_y - machine.guide_offset
+            tilt = machine.guide.shoe_half_length * np.sin(s[:, State.SLIDER_ANGLE])
+            for end in (height + tilt, height - tilt):
+                depth = np.maximum(np.abs(end) - machine.guide.gap, 0.0)
+                energy += 0.5 * machine.guide.stiffness * depth**2
         energy += 0.25 * machine.rod.mass * p[Parameter.ROD_MODE_STIFFNESS] * s[:, State.ROD_MODE] ** 2
         arm = p[Parameter.CRANK_MOMENT]
         moment_x = machine.crank.mass * frame_x + arm * s[:, State.CRANK_COSINE]

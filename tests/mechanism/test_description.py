@@ -54,6 +54,14 @@ def test_a_written_machine_is_read_again(tmp_path):
     assert mechanism(with_mechanism_file(f"mechanism={path}")) == MACHINE
 
 
+def test_joints_of_different_radii_are_read_as_they_were_written(tmp_path):
+    path = tmp_path / "corrected.yaml"
+    for radii in ((0.02, 0.01), (0.01, 0.02), (0.02, 0.03)):
+        joints = {f"joint_{name}": Joint(1e-4, journal_radius=r) for name, r in zip("bc", radii, strict=True)}
+        write_mechanism(path, SliderCrank(**joints))
+        assert mechanism(with_mechanism_file(f"mechanism={path}")) == SliderCrank(**joints)
+
+
 def test_a_machine_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     path = tmp_path / "corrected.yaml"
     write_mechanism(path, MACHINE)
@@ -106,6 +114,7 @@ def test_several_files_are_a_sweep_and_a_changed_file_is_another_option(tmp_path
             "guide: {_target_: os.system, command: ls}",
             r"_target_ = os\.system is no class of clearance\.mech",
         ),
+        ("force: {_target_: clearance.mechanism.slider_crank.np.load, file: a.npy}", "is no class of"),
         ("joint_b: [{_target_: '${oc.env:HOME}'}]", "is no class of"),
         ("guide: [", "is no YAML file"),
         ("- 1", "holds no keys"),

@@ -34,7 +34,20 @@ def test_contact_is_zero_apart_grows_with_depth_and_dissipates(law, depth, more,
     shallow, deep = (normal_force(d, 0.0, speed, *numbers) for d in (depth, depth + more))
     assert deep > shallow > 0.0
     approaching, leaving = (normal_force(depth, v, speed, *numbers) for v in (speed, -speed))
-    assert approaching >= leaving >= 0.0  # work put in on the way in is not given back in full
+    assert approaching > leaving >= 0.0  # work put in on the way in is not given back in full
+    static = normal_force(depth, 0.0, speed, *numbers)
+    assert approaching == pytest.approx((1.0 + numbers[1]) * static)
+    assert leaving == pytest.approx(max(1.0 - numbers[1], 0.0) * static)
+
+
+@pytest.mark.parametrize("velocity", [-2.0, -0.3, 1e-4, 0.3, 2.0])
+def test_friction_of_the_guide_is_coulombs_stribecks_and_viscous(velocity):
+    law = guide.StribeckGuide(5.0, 3.0, 2.0, 0.5, friction_coefficient=0.1)
+    p = SliderCrank(guide_friction=law).parameters()
+    dry = 5.0 + 2.0 * np.exp(-((velocity / 0.5) ** 2)) + 0.1 * 30.0
+    slide = velocity / np.hypot(velocity, law.smoothing_speed)
+    expected = -(dry * slide + 3.0 * velocity)
+    assert guide.guide_friction(p, velocity, -30.0) == pytest.approx(expected, rel=1e-6)
 
 
 def test_stiffness_is_the_published_value():

@@ -151,12 +151,6 @@ def test_conservative_effects_conserve_energy(joints, effect):
     power = run.drive_power() - run.contact_loss_power()
     work = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1])) * FINE.step])
     balance = run.kinetic_energy() + run.stored_energy() - work
-    if effect == "loose guide":
-        guide = machine.guide
-        height = run.states[:, State.SLIDER_Y] - run.states[:, State.FRAME_Y]
-        for end in (-1.0, 1.0):
-            tip = height + end * guide.shoe_half_length * np.sin(run.states[:, State.SLIDER_ANGLE])
-            balance += 0.5 * guide.stiffness * np.maximum(np.abs(tip) - guide.gap, 0.0) ** 2
     # what is left of the balance for the rod are the terms of second order in its deflection
     tolerance = 5e-3 if effect == "rod" else 5e-4
     assert np.abs(balance - balance[0]).max() < tolerance * run.kinetic_energy().max()
@@ -183,12 +177,9 @@ def test_dissipative_effects_take_energy_and_never_give_it(joints, effect):
     machine = SliderCrank(drive=Free(), **DISSIPATIVE[effect](LOOSE[joints]))
     run = simulate_trajectory(machine, FINE, 0.1, state=start.states[-1])
     energy = run.kinetic_energy() + run.stored_energy()
-    if effect == "damped guide":
-        energy = run.kinetic_energy()[:: len(run.time) - 1]  # the guide's own store is not counted: ends only
-        assert energy[-1] < energy[0]
-        return
     assert energy[-1] < energy[0]
-    assert np.diff(energy).max() < 1e-4 * energy[0]
+    given = energy - np.minimum.accumulate(energy)
+    assert given.max() < (5e-3 if "rod" in effect else 5e-4) * energy[0]
 
 
 def test_reactions_of_both_ideal_joints_agree_with_newton():

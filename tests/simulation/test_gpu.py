@@ -88,7 +88,7 @@ def test_without_numba_cuda_the_commands_say_what_to_install(name, tmp_path, mon
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(gpu, "find_spec", lambda _: None)
     asked, other = {
-        "simulate": (["device=cuda", "dataset=data"], "change device to cpu"),
+        "simulate": (["device=cuda", "dataset=data"], "change the key that ends in 'device' to cpu"),
         "bench": (["suite=gpu"], "choose suite=simulator"),
     }[name]
     code, error = call(monkeypatch, capfd, name, *asked)

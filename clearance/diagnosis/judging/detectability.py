@@ -11,8 +11,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from clearance.compilation import entry
 from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
@@ -132,14 +132,14 @@ def detectability_map(
             {"name": fault.name, "parameter": parameter.name, "unit": parameter.unit, "of": "sensor"}
         )
         spans.append(parameter.bounds[1] - parameter.bounds[0])
-    for entry in entries:
-        entry["size"] = {s.name: [[None] * len(speeds) for _ in clearances] for s in sensor_sets}
+    for one in entries:
+        one["size"] = {s.name: [[None] * len(speeds) for _ in clearances] for s in sensor_sets}
     for i, clearance in enumerate(clearances):
         for j, speed in enumerate(speeds):
             found = errors_by_sensor_set(setting, chosen, clearance, speed, sensor_sets, faults)
             for name, each in found.items():
-                for entry, deviation, span in zip(entries, each, spans, strict=True):
-                    entry["size"][name][i][j] = _size(deviation, span)
+                for one, deviation, span in zip(entries, each, spans, strict=True):
+                    one["size"][name][i][j] = _size(deviation, span)
     return {
         "joint": setting.joint, "noise": NOISE, "seconds": 1.0,
         "clearance_m": list(clearances), "speed_rpm": list(speeds),
@@ -258,7 +258,7 @@ def follower_on_path(
     return follower
 
 
-@njit(cache=True)
+@entry
 def _fold(codes: np.ndarray, p: np.ndarray, s: np.ndarray, node: np.ndarray) -> None:
     fold(codes, p, s, 0, node)
 

@@ -27,6 +27,7 @@ from clearance.recording.channels import ACCELERATIONS
 from clearance.recording.sensors import SensorChain
 
 _LOOSENESS = 1e-3  # of the process noise that a fit allows: here the simulator is the truth
+_SILENT = 1e-6  # of the largest channel: what shows less shows nothing
 _SLOWEST = 500.0  # Hz: of which the run before a window holds the filter's tails
 _ABSOLUTE = np.sqrt(2.0 / np.pi)  # mean magnitude of a normal error over its standard deviation
 
@@ -86,7 +87,12 @@ class Conditions:
             )
 
     def noise(self, size: np.ndarray, rate: float) -> np.ndarray:
-        """(channels,) standard deviations [m/s²] beside accelerations of such standard deviations."""
+        """(channels,) standard deviations [m/s²] beside accelerations of such standard deviations.
+
+        Where noise is a share, a channel that shows nothing has that of the others.
+        """
+        shown = size > _SILENT * size.max()
+        size = np.where(shown, size, np.median(size[shown]))
         sensors = [self.sensors.sensor(name) for name in ACCELERATIONS]
         share = np.array([one.noise for one in sensors])
         return np.hypot(share * size, np.array([one.noise_density for one in sensors]) * np.sqrt(rate / 2.0))

@@ -31,7 +31,9 @@ _SHARE = 0.8  # of the free memory; the driver needs some for what spills from r
 _AT_HOST = 64  # runs that are copied to the host at a time
 
 
-def require_gpu(asked: str = "device = cuda", instead: str = "change device to cpu") -> None:
+def require_gpu(
+    asked: str = "device = cuda", instead: str = "change the key that ends in 'device' to cpu"
+) -> None:
     """Check that simulations can run on a GPU here.
 
     Args:
