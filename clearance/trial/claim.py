@@ -112,6 +112,8 @@ def likeness(
         argument = table[0, 0] + np.mod(argument - table[0, 0], period)
         table = np.vstack([table, table[0] + [period, 0.0]])
     found = np.interp(argument, table[:, 0], table[:, 1])  # beyond its ends it stays as there
+    if free_form.get("direction") == "torque":  # what is constant in one is the drive's: no table has it
+        found, force = found - found.mean(), force - force.mean()
     if len(force) < 10 or found.std() == 0.0 or force.std() == 0.0:
         return NO_CURVE
     error = float(np.sqrt(((found - force) ** 2).mean() / (force**2).mean()))

@@ -14,7 +14,7 @@ from clearance.provenance import describe
 from clearance.trial.draw import Drawing, Scope
 from clearance.trial.exudyn_plant import load_exudyn
 from clearance.trial.plant import write_parquet
-from clearance.trial.seal import close, digest, unlock, write_private
+from clearance.trial.seal import TRUTH, close, digest, lock, unlock, write_private
 from clearance.trial.simulate import simulate
 from clearance.whole_files import read_json, write_json
 
@@ -51,9 +51,15 @@ def conceal(
         return done
     if scope.shares.get("beam", 0.0) > 0.0:
         load_exudyn()
-    drawing = Drawing(scope, _plan(scope, seed, sealed))
-    with ThreadPoolExecutor(parallel) as pool:
-        parts = list(pool.map(lambda i: _make(drawing, i, folder, sealed, report), range(scope.cases)))
+    try:
+        drawing = Drawing(scope, _plan(scope, seed, sealed))
+        with ThreadPoolExecutor(parallel) as pool:
+            parts = list(pool.map(lambda i: _make(drawing, i, folder, sealed, report), range(scope.cases)))
+    except InputError:
+        # Another trial's truth stays sealed; Path.exists would raise on a folder without rights.
+        if os.path.exists(sealed / TRUTH):  # noqa: PTH110
+            lock(sealed)
+        raise
     commitment = close(sealed, {"seed": drawing.seed, "scope": _plain(scope), "cases": parts})
     published = {
         "sha256": commitment,
@@ -106,6 +112,11 @@ def _make(
     private = sealed / CASES / f"{index:04d}.json"
     if private.exists():
         found: dict[str, Any] = read_json(private, "sealed")
+        if not all((folder / name).exists() for name in found["recordings"]):
+            raise InputError(
+                f"sealed = {sealed} holds the truth of recordings that are not in folder = {folder}; choose "
+                "another sealed, or the folder where they are"
+            )
         return found
     for attempt in range(10):
         try:

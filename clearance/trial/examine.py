@@ -177,7 +177,7 @@ def _refuse(constant: str) -> None:
 
 def _unlike_a_diagnosis(content: Any) -> str | None:
     """What the score could not read: found here it is one case's failure, after the reveal the trial's."""
-    if not isinstance(content, dict) or "verdict" not in content:
+    if not isinstance(content, dict) or not isinstance(content.get("verdict"), str):
         return "has no verdict"
     effects, fit, clearance = (content.get(key) for key in ("effects", "fit", "clearance"))
     held = fit.get("held_out") if isinstance(fit, dict) else None
@@ -185,6 +185,10 @@ def _unlike_a_diagnosis(content: Any) -> str | None:
         return "has no fit.held_out whose before, after and floor are numbers or null"
     if held.get("after") is not None and not (held.get("floor") or 0.0) > 0.0:
         return "has no fit.held_out.floor above 0 beside fit.held_out.after"
+    if not isinstance(held.get("shares", {}), dict):
+        return "has fit.held_out.shares that are no mapping"
+    if not _numbers_or_null(content, "peak_memory_mib"):
+        return "has a peak_memory_mib that is no number"
     if not isinstance(clearance, dict) or "after_m" not in clearance:
         return "has no clearance.after_m, a number or null"
     if not _numbers_or_null(clearance, "before_m", "after_m", "low_m", "high_m"):
@@ -194,13 +198,16 @@ def _unlike_a_diagnosis(content: Any) -> str | None:
     others = content.get("equivalent") or []
     if not (isinstance(others, list) and all(_is_list_of(str, names) for names in others)):
         return "has an equivalent that is no list of lists of names"
-    if not isinstance(content.get("mismatch") or {}, dict):
-        return "has a mismatch that is no mapping"
+    place = content.get("mismatch") or {}
+    if not isinstance(place, dict) or not _numbers_or_null(place, "score"):
+        return "has a mismatch that is no mapping, or whose score is no number"
     return None if _is_curve(content.get("free_form")) else "has a free_form without argument and table"
 
 
 def _is_effect(one: Any) -> bool:
     if not isinstance(one, dict) or not {"name", "kind", "parameters"} <= set(one):
+        return False
+    if not isinstance(one["name"], str):
         return False
     given = one["parameters"].values() if isinstance(one["parameters"], dict) else [None]
     return all(

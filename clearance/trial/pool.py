@@ -28,12 +28,8 @@ def pool(results: Sequence[Path]) -> tuple[dict[str, Any], list[dict[str, Any]]]
     if not found:
         raise InputError("pooled = []: there is nothing to add up; list results of trials, pooled=[A,B]")
     for path, one in zip(results, found, strict=True):
-        lacking = [key for key in (*_FACTS, "scope", "rows") if key not in one]
-        if lacking:
-            raise InputError(
-                f"{path}: has no {lacking[0]}, as results of older versions; reveal that trial again, or "
-                "leave it out of pooled"
-            )
+        _require_whole(path, one)
+    for path, one in zip(results, found, strict=True):
         if [other["seed"] for other in found].count(one["seed"]) > 1:  # concealed again it has another seal
             raise InputError(f"{path}: the trial of seed {one['seed']} comes twice; change pooled")
         if _drawing(one) != _drawing(found[0]):
@@ -44,6 +40,17 @@ def pool(results: Sequence[Path]) -> tuple[dict[str, Any], list[dict[str, Any]]]
     trials = [{key: one[key] for key in _FACTS} for one in found]
     rows = [row | {"name": f"{one['seed']}/{row['name']}"} for one in found for row in one["rows"]]
     return {"trials": trials, "scope": _drawing(found[0])}, rows
+
+
+def _require_whole(path: Path, one: dict[str, Any]) -> None:
+    if "trials" in one:
+        raise InputError(f"{path}: is a sum of trials already; list theirs in pooled")
+    lacking = [key for key in (*_FACTS, "scope", "rows") if key not in one]
+    if lacking:
+        raise InputError(
+            f"{path}: has no {lacking[0]}, as results of older versions; reveal that trial again, or leave "
+            "it out of pooled"
+        )
 
 
 def _drawing(one: dict[str, Any]) -> dict[str, Any]:

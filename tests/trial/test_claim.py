@@ -29,6 +29,18 @@ def test_a_force_over_time_is_compared_by_the_clock_of_each_recording():
     assert likeness(curve, {**said, "clocks": [0.0, 0.038]})[0] < 0.5
 
 
+def test_what_is_constant_in_a_torque_is_the_drives():
+    angle = np.linspace(0.0, 40.0, 4000)
+    pulses = np.exp(8.0 * (np.cos(angle) - 1.0))
+    knots = 2.0 * np.pi * np.arange(48) / 48
+    table = np.exp(8.0 * (np.cos(knots) - 1.0))
+    said = {"argument": "crank_angle", "table": np.stack([knots, table - table.mean()], 1).tolist()}
+    correlation, error = likeness({"crank_angle": angle, "force": pulses}, {**said, "direction": "torque"})
+    assert correlation > 0.99
+    assert error < 0.1
+    assert likeness({"crank_angle": angle, "force": pulses}, {**said, "direction": "x"})[1] > 0.4
+
+
 @pytest.mark.parametrize(
     ("name", "parameter", "value"),
     [

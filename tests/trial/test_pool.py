@@ -75,3 +75,6 @@ def test_what_cannot_be_added_up_is_refused(published):
     write_json(second, {key: value for key, value in content.items() if key != "rows"})
     with pytest.raises(InputError, match="has no rows"):
         pool(published)
+    write_json(second, {"trials": [], "cases": 7})
+    with pytest.raises(InputError, match="is a sum of trials already"):
+        pool(published)

@@ -76,6 +76,27 @@ def test_a_concealment_is_made_once_and_another_scope_is_refused(trial):
         conceal(SCOPE, 1, trial.folder, trial.folder / "truth", 1, pytest.fail)
 
 
+def test_the_truth_of_one_trial_is_not_sealed_again_for_another_folder(trial):
+    def truth():
+        unlock(trial.sealed)
+        content = (trial.sealed / TRUTH).read_bytes()
+        trial.sealed.chmod(0)
+        return content
+
+    before, elsewhere = truth(), trial.folder.with_name("elsewhere")
+    other = type(SCOPE)(**{**vars(SCOPE), "cases": 5})
+    for scope, words in (
+        (SCOPE, "that are not in folder"),
+        (other, "holds the truth of a trial drawn other"),
+    ):
+        with pytest.raises(InputError, match=words):
+            conceal(scope, None, elsewhere, trial.sealed, 1, pytest.fail)
+        assert stat.S_IMODE(trial.sealed.stat().st_mode) == 0
+        assert truth() == before
+    reveal_is_possible = digest(before) == read_json(trial.folder / COMMITMENT)["sha256"]
+    assert reveal_is_possible
+
+
 def test_an_interrupted_concealment_goes_on_with_the_same_cases(tmp_path):
     scope = type(SCOPE)(**{**vars(SCOPE), "cases": 2, "shares": {"none": 1, "effect": 1}})
 
@@ -284,6 +305,14 @@ def test_what_failed_is_not_tried_again_after_the_reveal(trial):
         ({"free_form": {"argument": "time", "table": [[1.0]]}}, "has a free_form without"),
         ({"free_form": {"argument": "time", "table": [[1.0, 2.0, 3.0]]}}, "has a free_form without"),
         ({"seconds": float("nan")}, "NaN is no number"),
+        ({"verdict": None}, "has no verdict"),
+        ({"effects": [{"name": None, "kind": "physics", "parameters": {}}]}, "has no list of effects"),
+        ({"mismatch": {"score": "high"}}, "whose score is no number"),
+        ({"peak_memory_mib": "486 MiB"}, "a peak_memory_mib that is no number"),
+        (
+            {"fit": {"held_out": {"before": 1.0, "after": 1.0, "floor": 1.0, "shares": ["a"]}}},
+            "has fit.held_out.shares that are no mapping",
+        ),
     ],
 )
 def test_an_answer_that_cannot_be_scored_is_a_failure_of_its_case(trial, changes, said):
