@@ -1,6 +1,7 @@
 """The diagnosis as a user runs it: an effect is named and modelled; where nothing is missing, nothing is."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -124,7 +125,8 @@ def test_sensors_that_are_all_off_within_their_tolerances_are_no_missing_physics
     told = {name: own["gain"] for name, own in found["sensors"].items() if own["gain"]["high"] < 1.039}
     assert len(told) > 3
     for name, gain in told.items():
-        assert gain["value"] == pytest.approx(gains[name], abs=2.0 * (gain["high"] - gain["low"]))
+        assert gain["high"] - gain["low"] < 0.03
+        assert gain["value"] == pytest.approx(gains[name], abs=gain["high"] - gain["low"])
 
 
 @pytest.mark.slow
@@ -236,7 +238,7 @@ def test_a_recording_of_another_machine_is_said_to_be_one(tmp_path):
     write(replace(recording, values=generator_like), tmp_path / "other.parquet")
     done = launch("diagnose", "recordings=[other.parquet]", folder=tmp_path)
     assert done.returncode == 2
-    assert "other.parquet" in done.stderr
+    assert re.search(r"other\.parquet: .*explains \d+% .*is it another machine's", done.stderr)
 
 
 def test_a_folder_is_all_recordings_in_it_that_are_not_held_out(tmp_path):

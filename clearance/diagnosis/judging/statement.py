@@ -29,7 +29,7 @@ from clearance.diagnosis.judging.verdict import (
 from clearance.diagnosis.judging.words import located, sentences
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import Search
-from clearance.diagnosis.searching.significance import p_value
+from clearance.diagnosis.searching.significance import null_scores, p_value
 from clearance.diagnosis.sensing.measured import Measured
 
 METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
@@ -68,6 +68,7 @@ def state(
     sensors, further = calibrated_sensors(best), _next_experiments(search, explanation, others)
     score = explanation.hints[0].gain if explanation.hints else None
     shows = noticed(where["channels"])
+    simulations = 0 if explanation.simulated is None else len(explanation.simulated)
     return {
         "verdict": verdict,
         "summary": [
@@ -79,7 +80,7 @@ def state(
         "mismatch": {
             "detected": verdict != "none" and not unconfirmed(explanation, after), "score": score,
             "p_value": None if score is None else p_value(score, explanation.simulated),
-            "simulations": 0 if explanation.simulated is None else len(explanation.simulated),
+            "simulations": simulations, "compared_with": simulations or len(null_scores()),
             "body": body, "direction": direction,
             **where,
         },

@@ -245,7 +245,7 @@ def _small(explanation: Explanation, joint: str, clearance: float, error: float)
         if hint is not None and hint.gain > most:
             promise = (
                 f"{hint.label} promises more ({hint.gain:.0f}) than any effect did on machines that lack "
-                f"nothing ({most:.0f} at most)"
+                f"nothing and were followed ({most:.0f} at most)"
             )
         elif explanation.nominal.misfit > CALM:
             promise = (

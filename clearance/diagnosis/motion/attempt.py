@@ -52,7 +52,8 @@ class Attempt:
         values, _ = self.parameters(term)
         for unknown, value, off in zip(term.unknowns, values, term.off, strict=True):
             for bound in (unknown.low, unknown.high):
-                if abs(value - unknown.inner(bound)) < 1e-9 and abs(value - off) > 1e-9:
+                near = abs(value - unknown.inner(bound)) < 1e-9 and abs(value - off) > 1e-9
+                if near and not unknown.whole:  # a count was chosen, not fitted
                     return True
         return False
 

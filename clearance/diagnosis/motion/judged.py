@@ -52,8 +52,10 @@ class Judged:
     def interval(self, noise: np.ndarray) -> tuple[float, float]:
         """95 % interval of the score by drawing blocks (Kuensch 1989)."""
         generator = np.random.default_rng(0)
-        means = np.array([part.mean() for part in np.array_split(self.squares(noise), _BLOCKS)])
-        drawn = means[generator.integers(0, _BLOCKS, (_DRAWS, _BLOCKS))].mean(axis=1)
+        squares = self.squares(noise)
+        blocks = min(_BLOCKS, len(squares))
+        means = np.array([part.mean() for part in np.array_split(squares, blocks)])
+        drawn = means[generator.integers(0, blocks, (_DRAWS, blocks))].mean(axis=1)
         low, high = np.sqrt(np.quantile(drawn, [0.025, 0.975]))
         return float(low), float(high)
 

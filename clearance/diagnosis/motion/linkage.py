@@ -19,7 +19,7 @@ from clearance.diagnosis.motion.track import Track
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
-_FIRST, _SECOND = "crank_angle", "slider_position"
+_FIRST, _SECOND, _TORQUE = "crank_angle", "slider_position", "drive_torque"
 _LABELS = (
     f"sensor_bias({_SECOND})",
     f"sensor_gain({_SECOND})",
@@ -92,11 +92,21 @@ def link(tracks: Sequence[Track], machine: SliderCrank, terms: Mapping[str, Term
         for channel in channels
         if sign < 0.0
     ]
+    if best[0] < 0.0 and all(map(_drives, tracks)):  # a torque that drives as it was recorded goes on to
+        turned.append(_TORQUE)
     known = [terms[label] for label in _LABELS if label in terms]
     some, (own, *values), (wide, *deviations) = _chosen(pairs, machine, joint, known, zeros)
     named = {track.name: float(zero) for track, zero in zip(tracks, own, strict=True)}
     sure = [_sure(*one) for one in zip(some, values, deviations, strict=True)]
     return Linkage(tuple(sure), tuple(values), named, max(float(wide.max()), _SUREST), tuple(turned))
+
+
+def _drives(track: Track) -> bool:
+    """Whether the recorded torque turns the crank the way that it was recorded to turn."""
+    if _TORQUE not in track.channels:
+        return False
+    angle, torque = (track.values[:, track.channels.index(channel)] for channel in (_FIRST, _TORQUE))
+    return bool(torque.mean() * (angle[-1] - angle[0]) > 0.0)
 
 
 def _sure(term: Term, values: np.ndarray, deviations: np.ndarray) -> Term:

@@ -43,6 +43,7 @@ class Unknown:
         log: whether the fit works on its logarithm.
         prior: (mean, standard deviation) on its scale, where the data may say nothing; ``None``: none.
         shape: whether it has a meaning only where another one is not off.
+        whole: whether it counts something.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Unknown:
     log: bool = False
     prior: tuple[float, float] | None = None
     shape: bool = False
+    whole: bool = False
 
     def inner(self, value: float) -> float:
         """The value on the scale of the fit."""
@@ -62,7 +64,8 @@ class Unknown:
         """A value on the scale of the fit, inside the bounds, as it is."""
         if self.log:
             return float(np.exp(np.clip(value, log(self.low), log(self.high))))
-        return float(np.clip(value, self.low, self.high))
+        inside = float(np.clip(value, self.low, self.high))
+        return float(round(inside)) if self.whole else inside
 
 
 @dataclass(frozen=True)
@@ -133,7 +136,7 @@ def term_of(effect: Effect, machine: SliderCrank, joint: str) -> Term | None:
         unknowns.append(
             Unknown(
                 parameter.name, parameter.unit, low, high, step if is_log else step * size, is_log,
-                shape=parameter.shape,
+                shape=parameter.shape, whole=parameter.whole,
             )
         )  # fmt: skip
     inner = [np.array([u.inner(start[u.name]) for u in unknowns]) for start in starts]

@@ -92,7 +92,7 @@ def diagnose(
     diagnosis |= {"seconds": round(time.monotonic() - started, 1), "peak_memory_mib": round(peak_memory())}
     final = findings.left.attempt if findings.left else best
     machine = _corrected(final.fit, setting, diagnosis["clearance"]["after_m"])
-    evidence = _evidence(search, findings, before, beside or after)
+    evidence = _evidence(search, findings, before, beside or after, diagnosis["verdict"])
     return Outcome(diagnosis, evidence | {"free_form": diagnosis["free_form"]}, machine, findings)
 
 
@@ -123,21 +123,22 @@ def _with_table(
 
 @contextmanager
 def _interruptible(search: Search) -> Iterator[None]:
-    """Within it Ctrl-C ends the search as the time limit does; a second one ends the process."""
+    """Within it Ctrl-C and SIGTERM end the search as the time limit does; a second one ends the process."""
 
     def stop(number: int, frame: object) -> None:
         search.stopped = "it was interrupted"
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(number, signal.default_int_handler)
         search.report("interrupted: what was found so far is judged and written; once more ends it at once")
 
     if threading.current_thread() is not threading.main_thread():  # signals are the main thread's
         yield
         return
-    before = signal.signal(signal.SIGINT, stop)
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _corrected(found: Fit, setting: Setting, clearance: float | None) -> SliderCrank:
@@ -151,7 +152,9 @@ def _corrected(found: Fit, setting: Setting, clearance: float | None) -> SliderC
     return Setting(corrected, setting.joint).with_clearance(clearance)
 
 
-def _evidence(search: Search, findings: Findings, before: Judged, after: Judged) -> dict[str, Any]:
+def _evidence(
+    search: Search, findings: Findings, before: Judged, after: Judged, verdict: str
+) -> dict[str, Any]:
     """What the report draws."""
     best, nominal = findings.left.attempt if findings.left else findings.best, findings.nominal
     enough, machine = findings.enough, search.model.machine
@@ -162,7 +165,7 @@ def _evidence(search: Search, findings: Findings, before: Judged, after: Judged)
             (angles(nominal.fit, search.tracks), angles(best.fit, search.tracks)), enough.channels,
             search.tracks[0].rate,
         ),
-        "ranking": _ranking(findings),
+        "ranking": _ranking(findings, verdict),
         "overlays": _overlays(before, after),
         "checks": whiteness(
             after.explained.channels,
@@ -194,14 +197,15 @@ def _require_plausible(findings: Findings, search: Search) -> None:
                 )
 
 
-def _ranking(findings: Findings) -> list[dict[str, Any]]:
+def _ranking(findings: Findings, verdict: str) -> list[dict[str, Any]]:
     rows: dict[str, dict[str, Any]] = {}
     for attempt in sorted([findings.best, *findings.attempts, *findings.instead], key=lambda a: a.price):
         if not attempt.terms or attempt.label in rows:
             continue
+        kinds = {term.effect.kind for term in attempt.terms}
         rows[attempt.label] = {
             "name": attempt.label,
-            "kind": attempt.terms[-1].effect.kind,
+            "kind": kinds.pop() if len(kinds) == 1 else "mixed",
             "log_likelihood_gain": 0.5 * (findings.nominal.fit.cost - attempt.fit.cost),
             "p_value": None,
             "parameters": {
@@ -210,7 +214,7 @@ def _ranking(findings: Findings) -> list[dict[str, Any]]:
                 }
                 for term in attempt.terms for name, e in estimates(attempt, term).items()
             },
-            "asserted": attempt is findings.best,
+            "asserted": attempt is findings.best and verdict != "unknown",
             "note": "",
         }  # fmt: skip
     for label, gain in sorted(findings.screened.items(), key=lambda kv: -kv[1])[:20]:

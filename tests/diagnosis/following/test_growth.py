@@ -60,7 +60,7 @@ def test_islands_are_apart_and_the_least_doubtful_comes_first():
     doubts, places = [one.doubt for one in several], sorted(one.island for one in several)
     assert len(several) == 3
     assert doubts == sorted(doubts)
-    assert min(np.diff(places)) > 0
+    assert min(np.diff(places)) >= growth.ISLAND
     assert doubts[0] < FOLLOWED
 
 

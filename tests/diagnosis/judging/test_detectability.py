@@ -90,9 +90,11 @@ def test_the_stored_map_is_what_this_simulator_gives():
     groups = gather(load_effects(["guide_friction", "joint_friction"], []), MACHINE, "C", ())
     fresh = detectability_map(SETTING, groups, [CLEARANCE], [RPM], [ROD])
     stored = {e["name"]: e for e in nominal_map(SETTING, CLEARANCE, RPM, [], [])["effects"]}
+    assert {effect["name"] for effect in fresh["effects"]} == {"guide_friction", "joint_friction"}
     place = CLEARANCES.index(CLEARANCE), SPEEDS.index(RPM)
     for effect in fresh["effects"]:
         kept = stored[effect["name"]]["size"]["rod"][place[0]][place[1]]
+        assert kept is not None
         assert effect["size"]["rod"][0][0] == pytest.approx(kept, rel=0.1)
 
 

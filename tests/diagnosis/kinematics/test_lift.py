@@ -58,7 +58,7 @@ def test_the_gap_is_told_by_the_slider_s_acceleration(gap):
 def test_the_gap_is_measured_by_what_lies_between_the_rails(noise, start):
     height, _, acceleration = bounce(GAP, 3000)
     gap, deviation = measure_gap(seen(acceleration, noise), start * GAP, PERIOD)
-    assert gap == pytest.approx(np.abs(height).max(), abs=2.0 * deviation)
+    assert gap == pytest.approx(np.abs(height).max(), abs=min(2.0 * deviation, 0.1 * gap))
     assert deviation < 0.2 * gap
 
 
@@ -88,7 +88,7 @@ def test_a_slider_is_followed_by_a_sensor_that_moves_against_it():
     assert np.abs(found.height).max() < 1.2 * reach
     assert found.astray < 0.02
     gap, deviation = measure_gap(across, 1.3 * GAP, PERIOD)
-    assert gap == pytest.approx(reach, abs=2.0 * deviation)
+    assert gap == pytest.approx(reach, abs=min(2.0 * deviation, 0.1 * gap))
 
 
 @pytest.mark.parametrize("gap", [3e-5, pytest.param(7e-5, marks=pytest.mark.slow)])

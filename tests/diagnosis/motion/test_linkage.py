@@ -112,6 +112,18 @@ def test_channels_that_count_the_other_way_are_turned(senses):
     assert found.oriented(other).values == pytest.approx(track.values)
 
 
+@pytest.mark.parametrize("sense", [-1.0, 1.0])
+def test_a_torque_drives_whichever_way_the_crank_counts(sense):
+    """Recorded with the sense of the crank or with its own, it ends in that of the model."""
+    track = recorded(motor())
+    torque = 0.3 + np.random.default_rng(0).normal(size=(len(track.values), 1))
+    values = np.hstack([track.values, torque])
+    other = Track("rig", values * [-1.0, -1.0, 1.0, 1.0, sense], (*CHANNELS, "drive_torque"), 50.0)
+    found = link([other], RIG, terms_of(other, RIG), "C")
+    assert ("drive_torque" in found.turned) == (sense < 0.0)
+    assert found.oriented(other).values == pytest.approx(values)
+
+
 def test_a_motor_turns_either_way_alike():
     track = Track("", np.zeros((100, 2)), ("crank_angle", "crank_speed"), 50.0)
     level = replace(RIG, guide_offset=0.0)

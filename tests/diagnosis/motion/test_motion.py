@@ -1,6 +1,8 @@
 """Recordings without accelerometers: what their machine lacks is named, with an interval."""
 
 import json
+import os
+import signal
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -41,7 +43,7 @@ def planted(seconds, rate, channels=CHANNELS, faults=(), seed=1, **plant):
     return Recording(np.stack([table[c] for c in channels], axis=1), channels, rate)
 
 
-def diagnosed(recording, names, most=2, uncertain=None, machine=None):
+def diagnosed(recording, names, most=2, uncertain=None, machine=None, report=lambda _: None):
     """The diagnosis of one recording with some effects."""
     return diagnose(
         *tracks_of({"rig": recording}, {}),
@@ -53,7 +55,7 @@ def diagnosed(recording, names, most=2, uncertain=None, machine=None):
         seconds=60.0,
         workers=1,
         most=most,
-        report=lambda _: None,
+        report=report,
     ).diagnosis
 
 
@@ -64,6 +66,7 @@ def named(found):
 def holds(parameter, truth):
     """Whether an interval of twice the stated width holds the truth: one of 95 % may miss it by chance."""
     half = parameter["high"] - parameter["low"]
+    assert half < 0.5 * abs(truth)
     return abs(parameter["value"] - truth) < half
 
 
@@ -116,6 +119,22 @@ def test_nothing_is_found_where_nothing_is_missing():
     assert found["fit"]["held_out"]["after"] < 1.1
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_search_and_what_was_found_so_far_is_judged(number):
+    said = []
+
+    def report(text):
+        said.append(text)
+        if len(said) == 1:
+            os.kill(os.getpid(), number)
+
+    before = signal.getsignal(number)
+    found = diagnosed(planted(4.0, 200.0), ["gravity"], report=report)
+    assert any("interrupted: what was found so far" in text for text in said)
+    assert "interrupted" in " ".join(found["warnings"])
+    assert signal.getsignal(number) is before
+
+
 @pytest.mark.slow
 def test_a_motor_that_sags_under_gravity_and_an_encoder_off_zero():
     recording = planted(
@@ -133,6 +152,16 @@ def test_a_motor_that_sags_under_gravity_and_an_encoder_off_zero():
     assert holds(effects["sensor_bias"]["bias"], 0.2)
     held_out = found["fit"]["held_out"]
     assert held_out["after"] < 1.1 < held_out["before"]
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_what_repeats_within_a_turn_repeats_a_whole_number_of_times(order):
+    ripple = {"amplitude": 0.1, "order": order}
+    recording = planted(4.0, 200.0, effects={"soft_drive": MOTOR, "torque_ripple": ripple})
+    effects = named(diagnosed(recording, ["soft_drive", "torque_ripple"]))
+    assert set(effects) == {"soft_drive", "torque_ripple"}
+    assert effects["torque_ripple"]["order"]["value"] == order
+    assert holds(effects["torque_ripple"]["amplitude"], 0.1)
 
 
 @pytest.mark.slow

@@ -56,7 +56,10 @@ def test_a_force_without_a_name_is_a_table_over_the_right_argument(force, body):
     true = force.value(place)
     assert np.corrcoef(value[inner], true[inner])[0, 1] > 0.9
     low, high = np.array(found["low"]), np.array(found["high"])
-    assert (high > low).all()
+    assert ((np.abs(value - true) < 2.0 * (high - low))[inner]).mean() > 0.9
+    assert np.median(high - low) < 0.5 * np.ptp(true)
+    slope = np.polyfit(true[inner] - true[inner].mean(), value[inner] - value[inner].mean(), 1)[0]
+    assert slope == pytest.approx(1.0, abs=0.2)
     assert not left.beside
 
 

@@ -147,5 +147,7 @@ def test_a_turned_sensor_and_its_zero_cost_nothing_together():
 def test_a_channel_that_says_nothing_stays_silent_through_a_calibration():
     one = beside(NO_FAULT)
     one.measured = one.measured.without("rod_b_axial")
-    deaf = one.measured.as_recorded().sigma[one.measured.channels.index("rod_b_axial")]
-    assert deaf > 1e3 * follower(noise=1e-3).measured.sigma.max()
+    place = one.measured.channels.index("rod_b_axial")
+    after = one.measured.calibrated(NO_FAULT.changed("gain", 1.01, "rod_c_axial"))
+    for measured in (one.measured.as_recorded(), after):
+        assert measured.sigma[place] > 1e3 * follower(noise=1e-3).measured.sigma.max()
