@@ -24,6 +24,7 @@ from clearance.commands import command
 from clearance.errors import InputError
 from clearance.models.neural import NeuralEstimator
 from clearance.models.together import shareable
+from clearance.recording.bounds import whole
 from clearance.recording.synthesis import Campaign
 from clearance.whole_files import write_json
 
@@ -110,6 +111,7 @@ SUITES = {"simulator": simulator, "together": trainings_together, "gpu": simulat
 @command("bench")
 def main(cfg: DictConfig) -> None:
     """Measure and print the table."""
+    whole(cfg.workers, "workers", 1)
     if cfg.suite not in SUITES:
         raise InputError(f"suite={cfg.suite}: must be one of {', '.join(SUITES)}; set suite")
     for line in SUITES[cfg.suite](cfg):

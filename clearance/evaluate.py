@@ -80,7 +80,7 @@ def main(cfg: DictConfig) -> None:
     rows = with_recorded(rows, results / "trainings.json")
     write_json(results / "trainings.json", rows)
     if fresh is not None:
-        name = (read_yaml(shown / CONFIG) or {}).get("name", "")
+        name = (read_yaml(shown / CONFIG, "picture") or {}).get("name", "")
         figure = overview(fresh, name)
         write_atomically(results / "overview.png", lambda file: figure.savefig(file, dpi=110))
     blocks = {"results": markdown([row for row in rows if row["experiment"] not in EXPERIMENTS])}
@@ -104,7 +104,7 @@ def measure_coverage(run: Path, recordings: int) -> None:
     if not any(run.glob("model.*")):
         log.warning("%s: left out, its weights are gone", run)
         return
-    config: dict[str, Any] = read_yaml(run / CONFIG) or {}
+    config: dict[str, Any] = read_yaml(run / CONFIG, "runs") or {}
     if "campaign" not in config:
         raise InputError(f"{run / CONFIG}: no campaign there, so nothing fresh can be simulated; set fresh=0")
     source = config["data"]["source"]
@@ -114,7 +114,7 @@ def measure_coverage(run: Path, recordings: int) -> None:
         return
     campaign = instantiate_trusted(config["campaign"], str(run / CONFIG))
     begin = float(source.get("start_time") or 0.0)  # the training may have left out more of each recording
-    campaign = replace(campaign, record_start=max(begin, campaign.record_start))
+    campaign = replace(campaign, record_start=max(begin, campaign.record_start), device="cpu")
     log.info("%s: %d fresh recordings", run, recordings)
     gauge = load_gauge(run)
     try:

@@ -52,7 +52,7 @@ class FreshEvaluation:
 
 def read_fresh(run: Path) -> list[dict[str, Any]]:
     """What was measured for a training, one a joint; nothing where it was not, or by an older version."""
-    known = read_json(run / FRESH) if (run / FRESH).exists() else []
+    known = read_json(run / FRESH, "runs") if (run / FRESH).exists() else []
     return known if isinstance(known, list) else []
 
 

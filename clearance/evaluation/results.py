@@ -63,7 +63,16 @@ _TOLD = (
 
 
 def _row(run: Path) -> dict[str, Any]:
-    metrics, config = read_json(run / METRICS), read_yaml(run / CONFIG) or {}
+    try:
+        return _row_of(run)
+    except (KeyError, TypeError, AttributeError):
+        raise InputError(
+            f"{run}: no training of clearance.train, or of an older version; set runs to another folder"
+        ) from None
+
+
+def _row_of(run: Path) -> dict[str, Any]:
+    metrics, config = read_json(run / METRICS, "runs"), read_yaml(run / CONFIG, "runs") or {}
     fresh = [one["summary"] for one in read_fresh(run)]
     epochs = config["model"].get("training", {}).get("epochs")  # a forest has none
     source = config["data"]["source"]

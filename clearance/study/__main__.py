@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from clearance.commands import command
 from clearance.errors import InputError
@@ -33,6 +33,9 @@ def main(cfg: DictConfig) -> None:
     whole(cfg.perturbed, "perturbed", 0)
     whole(cfg.parallel, "parallel", 1)
     scale = str(HydraConfig.get().runtime.choices["scale"])
+    for name in ("experiments", "arguments"):
+        if not OmegaConf.is_list(cfg[name]):
+            raise InputError(f"{name}={cfg[name]}: must be a list; write '{name}=[...]'")
     order = stages([trainings_of(str(name)) for name in cfg.experiments])
     arguments = list(map(str, cfg.arguments))
     folder, record = Path(str(cfg.folder)), Path(str(cfg.pictures)) / RECORD

@@ -37,6 +37,13 @@ def test_evaluate_writes_the_report(tmp_path, monkeypatch, capfd):
         ("evaluate", ("picture=run",), "picture=run: made only together with the results; set results"),
         ("study.__main__", ("budget=soon",), "budget = 'soon' is no duration such as 90s, 30m, 2h or 1d"),
         ("study.__main__", ("scale=tiny",), "scale/tiny"),
+        (
+            "study.__main__",
+            ("experiments=table6",),
+            "experiments=table6: must be a list; write 'experiments=",
+        ),
+        ("study.__main__", ("experiments=[table7]",), "experiment=table7 sweeps nothing"),
+        ("bench", ("workers=-1",), "workers = -1 is not a whole number, 1 or more; change workers"),
     ],
 )
 def test_a_wrong_input_is_one_line(tmp_path, monkeypatch, capfd, name, wrong, words):
@@ -45,6 +52,15 @@ def test_a_wrong_input_is_one_line(tmp_path, monkeypatch, capfd, name, wrong, wo
     assert (code, error.count("\n")) == (2, 1)
     assert words in error
     assert not (tmp_path / "R.md").exists()
+
+
+def test_what_is_no_training_is_named(tmp_path, monkeypatch, capfd):
+    (tmp_path / "runs/other").mkdir(parents=True)
+    (tmp_path / "runs/other/metrics.json").write_text('{"accuracy": 1.0}')
+    monkeypatch.chdir(tmp_path)
+    code, error = call(monkeypatch, capfd, "evaluate", "runs=runs", "results=out")
+    assert (code, error.count("\n")) == (2, 1)
+    assert "runs/other: no training of clearance.train, or of an older version; set runs" in error
 
 
 @pytest.mark.parametrize(

@@ -47,12 +47,12 @@ class TrainingData:
         Raises:
             InputError: it was not trained on runs that it simulated.
         """
-        config: dict[str, Any] = read_yaml(run / CONFIG) or {}
+        config: dict[str, Any] = read_yaml(run / CONFIG, "runs") or {}
         try:
             data = config["data"]
             split = {key: data["split"][key] for key in ("seed", "train", "validation")}
             return cls(
-                instantiate_trusted(config["campaign"], str(run / CONFIG)),
+                replace(instantiate_trusted(config["campaign"], str(run / CONFIG)), device="cpu"),
                 Path(data["source"]["folder"]),
                 float(data["source"]["start_time"]),
                 tuple(data["channels"]),

@@ -65,7 +65,9 @@ single windows of 200 samples of the test recordings, in percent of 1 mm. "Paire
 over pairs of trainings of the same split and initialisation. Splits share recordings, so it finds
 differences too easily; the corrected resampled t-test (Nadeau & Bengio 2003) takes one mean a split and
 enlarges its variance by the ratio of test to training recordings. Holm's adjustment is over the rows of one
-table.
+table. Where rows of a table are of different splits, they say of which: a split moves an error by more than
+an initialisation does. Seconds are of the machine that each training had; of initialisations that were
+trained together each has its share.
 """
 
 
@@ -137,6 +139,8 @@ def results(found: Mapping[Training, Finished], pictures: Mapping[str, str]) -> 
     for experiment, title in TITLES.items():
         planned = trainings_of("table6" if experiment == _PERTURBED else experiment)
         own = [found[one] for one in planned if one in found]
+        if experiment == _PERTURBED:
+            own = [one for one in own if one.perturbed]
         content = perturbed(planned, found) if experiment == _PERTURBED else table(experiment, planned, found)
         parts.append(f"## {title}\n")
         if not content:

@@ -48,7 +48,13 @@ def paper_numbers() -> dict[str, Any]:
 def table(experiment: str, planned: Sequence[Training], found: Mapping[Training, Finished]) -> str:
     """Errors and times by setting, measured and from the paper; empty where nothing is finished."""
     rows: Rows = []
-    for setting in dict.fromkeys(one.setting for one in planned):
+    settings = dict.fromkeys(one.setting for one in planned)
+    splits = {
+        setting: sorted({one.split_seed for one in planned if one.setting == setting and one in found})
+        for setting in settings
+    }
+    mixed = len({tuple(own) for own in splits.values() if own}) > 1
+    for setting in settings:
         of_setting = [one for one in planned if one.setting == setting]
         runs = [found[one] for one in of_setting if one in found]
         if runs:
@@ -56,7 +62,9 @@ def table(experiment: str, planned: Sequence[Training], found: Mapping[Training,
                 _cell(summarise([value(run.metrics) for run in runs]), interval=key in _ERRORS)
                 for key, (_, value) in _COLUMNS.items()
             ]
-            rows.append((row_name(experiment, setting), f"{len(runs)} of {len(of_setting)}", *columns))
+            which = f"; split {', '.join(map(str, splits[setting]))}" if mixed else ""
+            count = f"{len(runs)} of {len(of_setting)}{which}"
+            rows.append((row_name(experiment, setting), count, *columns))
             rows += _paper_row(experiment, setting)
     heads = ("", "trainings", *(head for head, _ in _COLUMNS.values()))
     return markdown(heads, rows) if rows else ""

@@ -87,11 +87,12 @@ class Finished:
         Raises:
             InputError: there is none.
         """
-        config = read_yaml(path / CONFIG) or {}
+        config = read_yaml(path / CONFIG, "runs") or {}
         training, split = _identify(config, path), config["data"]["split"]
         own = path / PERTURBED
         return Finished(
-            training, read_json(path / METRICS), _reduced(config, training.setting), config["data_seed"],
+            training, read_json(path / METRICS, "runs"), _reduced(config, training.setting),
+            config["data_seed"],
             (1.0 - split["train"] - split["validation"]) / split["train"],
             datetime.fromtimestamp((path / METRICS).stat().st_mtime, UTC).strftime("%Y-%m-%d"),
             read_json(own, "runs")["perturbations"] if own.exists() else None, path, config,
@@ -131,8 +132,11 @@ class Finished:
 def trainings_of(experiment: str) -> tuple[Training, ...]:
     """What ``clearance.train -m experiment=...`` trains, in that order: ``conf/experiment`` says it once."""
     cfg = _composed(f"experiment={experiment}")
-    params = OmegaConf.to_container(cfg.hydra.sweeper.params)
-    assert isinstance(params, dict)
+    if not cfg.hydra.sweeper.params:
+        raise InputError(
+            f"experiment={experiment} sweeps nothing, so that it is no table of trainings; set experiments"
+        )
+    params: Any = OmegaConf.to_container(cfg.hydra.sweeper.params)
     swept = {str(key): str(value).split(",") for key, value in params.items()}
     plain = {**cfg.hydra.runtime.choices, "chain.decimation": cfg.chain.decimation}
     axes = [swept.pop(key, [str(plain[key])]) for key in _SWEPT]
