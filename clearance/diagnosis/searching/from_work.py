@@ -9,6 +9,7 @@ from clearance.diagnosis.following.attempt import Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import KNOTS, Curve, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.hypotheses.two_levels import levels_of
+from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.searching.balance import Suggested, settle_in, suggest_forces
 from clearance.diagnosis.searching.beside import FAR, HALFWAY, MOSTLY, NEARLY, NEARLY_ALL, SHARED, beside
 from clearance.diagnosis.searching.clocked import follow_jumps, keep_time
@@ -263,13 +264,21 @@ def _other_variants(search: Search, explanation: Explanation, found: Attempt) ->
 
 
 def begin_beside(search: Search, explanation: Explanation, base: Attempt) -> None:
-    """Fit a force that the balance of work names beside effects that explain a part and are not near."""
-    if base.misfit < NEARLY or any(hypothesis.fault is not None for hypothesis in base.hypotheses):
+    """Fit a force that the balance of work names beside effects that explain a part and are not near.
+
+    What a sensor at fault says is not asked: how much it is off by is fitted on a path that lacks the force.
+    """
+    deaf = [hypothesis.channel for hypothesis in base.hypotheses if hypothesis.fault is not None]
+    if base.misfit < NEARLY or None in deaf:  # a clock that is wrong is every channel's
         return
     sizes = base.fit.values[0, 1 : base.model.shared]
-    setting = search.setting.added(base.hypotheses, sizes)
+    setting, clearance = search.setting.added(base.hypotheses, sizes), search.profile.best
     try:
-        suggested = suggest_forces(search, setting, search.profile.best, named=True)
+        with search.deaf(deaf):
+            if deaf:
+                known = search.recordings, search.alignments, setting.with_clearance, search.workers
+                clearance = profile(*known).best
+            suggested = suggest_forces(search, setting, clearance, named=True)
     except (InputError, np.linalg.LinAlgError):
         return
     new = [
@@ -277,7 +286,7 @@ def begin_beside(search: Search, explanation: Explanation, base: Attempt) -> Non
         if not any(same(one, held) for one in force.hypotheses for held in base.hypotheses)
     ]  # fmt: skip
     for force in new[:_BESIDE]:
-        found = _follow(search, explanation, setting, force, base.hypotheses, sizes)
+        found = _follow(search, explanation, setting, force, base.hypotheses, sizes, deaf)
         if (found is not None and found.misfit < HALFWAY * base.misfit) or search.late():
             return
 
@@ -307,6 +316,7 @@ def _follow(
     one: Balanced,
     held: Sequence[Hypothesis] = (),
     sizes: Sequence[float] | np.ndarray = (),
+    deaf: Sequence[str] = (),
 ) -> Attempt | None:
     """Fit what the balance of work suggests beside the nominal machine, once clearance and path go with it.
 
@@ -317,10 +327,12 @@ def _follow(
         one: of its suggestions.
         held: effects that are in that machine, and fitted too.
         sizes: of these.
+        deaf: channels that the balance was not asked of.
     """
     try:
-        # a table by its own clock is too coarse to be settled beside
-        settled = one if one.rhythm is not None else settle_in(search, setting, one)
+        with search.deaf(deaf):
+            # a table by its own clock is too coarse to be settled beside
+            settled = one if one.rhythm is not None else settle_in(search, setting, one)
     except (InputError, np.linalg.LinAlgError):
         return None
     shown = ", ".join(f"{value:.4g}" for value in settled.values)

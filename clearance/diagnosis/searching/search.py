@@ -302,6 +302,17 @@ class Search:
         finally:
             self.recordings = before
 
+    @contextmanager
+    def deaf(self, channels: Sequence[str]) -> Iterator[None]:
+        """Within it some channels say nothing."""
+        before = self.recordings
+        for channel in channels:
+            self.recordings = [one.without(channel) for one in self.recordings]
+        try:
+            yield
+        finally:
+            self.recordings = before
+
     def retrace_all(self, clearance: float) -> None:
         """Go on with a clearance [m]: the paths of all recordings."""
         self.clearance = clearance

@@ -1,6 +1,6 @@
 """What the balance of work points at together: which forces and pairs are followed, and until when."""
 
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -50,7 +50,7 @@ def follow(monkeypatch, suggested, fit, misfit, most, motion=lambda *_, **__: Fa
     monkeypatch.setattr(from_work, "fit_from", fit)
     search = SimpleNamespace(
         setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext(),
-        profile=SimpleNamespace(best=3e-4),
+        deaf=lambda _: nullcontext(), profile=SimpleNamespace(best=3e-4),
     )  # fmt: skip
     search.most = most
     begin_balanced(search, Explanation(nominal(misfit)))
@@ -79,7 +79,11 @@ def test_pairs_are_followed_until_one_nearly_explains(monkeypatch, right, count)
     monkeypatch.setattr(from_work, "settle_in", lambda search, setting, one: one)
     monkeypatch.setattr(from_work, "fit_from", fit)
     search = SimpleNamespace(
-        setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext()
+        setting=None,
+        report=lambda _: None,
+        late=lambda: False,
+        timed=lambda _: nullcontext(),
+        deaf=lambda _: nullcontext(),
     )
     begin_pairs(search, Explanation(nominal(1000.0)), PAIRS)
     assert len(tried) == count
@@ -88,17 +92,24 @@ def test_pairs_are_followed_until_one_nearly_explains(monkeypatch, right, count)
 
 
 @pytest.mark.parametrize(
-    ("misfit", "fault", "expected"), [(30.0, None, ["guide_friction"]), (2.0, None, []), (30.0, "gain", [])]
+    ("misfit", "fault", "channel", "expected"),
+    [
+        (30.0, None, None, ["guide_friction"]),
+        (2.0, None, None, []),
+        (30.0, "gain", "rod_b_axial", ["guide_friction"]),  # whose channel is not asked
+        (30.0, "timebase", None, []),
+    ],
 )
-def test_beside_a_part_the_balance_of_work_is_asked_again(monkeypatch, misfit, fault, expected):
+def test_beside_a_part_the_balance_of_work_is_asked_again(monkeypatch, misfit, fault, channel, expected):
     part = attempt(["gravity"], misfit)
     part.fit.values = np.array([[3e-4, -9.9, 700.0]])
     part.hypotheses[0].fault, part.hypotheses[0].apply = fault, lambda machine, sizes: f"{machine} {sizes[0]}"
-    asked, fitted = [], []
+    part.hypotheses[0].channel = channel
+    asked, fitted, silent = [], [], []
     again, friction = pair("gravity"), pair("guide_friction")
 
     def suggest(search, setting, clearance, named):
-        asked.append((setting.machine, named))
+        asked.append((setting.machine, clearance, named, list(silent)))
         return SimpleNamespace(forces=[again, friction])
 
     def fit(search, explanation, base, hypotheses, values, clearance, anew, insist):
@@ -110,14 +121,23 @@ def test_beside_a_part_the_balance_of_work_is_asked_again(monkeypatch, misfit, f
     monkeypatch.setattr(from_work, "settle_in", lambda search, setting, one: one)
     monkeypatch.setattr(from_work, "same", lambda one, other: one.name == other.name)
     monkeypatch.setattr(from_work, "fit_from", fit)
+    monkeypatch.setattr(from_work, "profile", lambda *_: SimpleNamespace(best=4e-4))
     setting = Setting("machine", "C")
+
+    @contextmanager
+    def deaf(channels):
+        silent.extend(channels)
+        yield
+        silent.clear()
+
     search = SimpleNamespace(
         setting=setting, profile=SimpleNamespace(best=3e-4), late=lambda: False, report=lambda _: None,
-        timed=lambda _: nullcontext(),
+        timed=lambda _: nullcontext(), deaf=deaf, workers=1, recordings=[], alignments=[],
     )  # fmt: skip
     begin_beside(search, Explanation(nominal(1000.0), [part]), part)
     assert fitted == [["gravity", name] for name in expected]
-    assert asked == ([("machine -9.9", True)] if expected else [])
+    heard = (3e-4, True, []) if channel is None else (4e-4, True, [channel])
+    assert asked == ([("machine -9.9", *heard)] if expected else [])
 
 
 @pytest.mark.parametrize("weak", [False, True])
@@ -270,7 +290,11 @@ def test_what_the_work_suggests_begins_between_two_clearances_where_it_is_not_fo
     monkeypatch.setattr(from_work, "settle_in", lambda search, setting, one: one)
     monkeypatch.setattr(from_work, "fit_from", fit)
     search = SimpleNamespace(
-        setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext()
+        setting=None,
+        report=lambda _: None,
+        late=lambda: False,
+        timed=lambda _: nullcontext(),
+        deaf=lambda _: nullcontext(),
     )
     begin_pairs(search, Explanation(nominal(1000.0, fitted)), [pair("torque_ripple")])
     assert tried == pytest.approx(expected)
