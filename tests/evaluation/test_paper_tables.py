@@ -152,7 +152,7 @@ def test_what_another_machine_trained_stays_in_the_report(reduced, tmp_path):
     write_results(tmp_path / "here", tmp_path / "R.md", tmp_path / "pictures", gru)
     after = (tmp_path / "R.md").read_text()
     assert "| GRU | 1 of 30; split 98 | 0.90 |" in after  # the others are of three
-    after_as_before = after.replace("; split 42, 98, 1024 |", " |")
+    after_as_before = after.replace("; splits 42, 98, 1024 |", " |")
     assert after_as_before != after
     assert set(before.splitlines()) - set(after_as_before.splitlines()) <= {
         line for line in before.splitlines() if not line.startswith("|")

@@ -189,9 +189,10 @@ def _short_scale(runs: Sequence[Finished]) -> str:
     recordings = _listed(sorted({run.metrics["data"]["recordings"] for run in runs}))
     scale = "Smaller than the paper's scale" if reductions(runs) else "Full scale"
     days = " to ".join(dict.fromkeys(pick(run.date for run in runs) for pick in (min, max)))
-    splits = _listed(sorted({run.metrics["split_seed"] for run in runs}))
+    seeds = sorted({run.metrics["split_seed"] for run in runs})
+    splits = f"split{'s' if len(seeds) > 1 else ''} {_listed(seeds)}"
     machines = _listed(sorted({_hardware(run) for run in runs}))
-    return f"{scale}: {recordings} recordings, splits {splits}; {machines}; {days}"
+    return f"{scale}: {recordings} recordings, {splits}; {machines}; {days}"
 
 
 def _hardware(run: Finished) -> str:

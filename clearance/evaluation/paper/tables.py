@@ -62,7 +62,8 @@ def table(experiment: str, planned: Sequence[Training], found: Mapping[Training,
                 _cell(summarise([value(run.metrics) for run in runs]), interval=key in _ERRORS)
                 for key, (_, value) in _COLUMNS.items()
             ]
-            which = f"; split {', '.join(map(str, splits[setting]))}" if mixed else ""
+            own = splits[setting]
+            which = f"; split{'s' if len(own) > 1 else ''} {', '.join(map(str, own))}" if mixed else ""
             count = f"{len(runs)} of {len(of_setting)}{which}"
             rows.append((row_name(experiment, setting), count, *columns))
             rows += _paper_row(experiment, setting)
