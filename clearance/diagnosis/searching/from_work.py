@@ -268,8 +268,9 @@ def begin_beside(search: Search, explanation: Explanation, base: Attempt) -> Non
 
     What a sensor at fault says is not asked: how much it is off by is fitted on a path that lacks the force.
     """
-    deaf = [hypothesis.channel for hypothesis in base.hypotheses if hypothesis.fault is not None]
-    if base.misfit < NEARLY or None in deaf:  # a clock that is wrong is every channel's
+    faults = [hypothesis for hypothesis in base.hypotheses if hypothesis.fault is not None]
+    deaf = [fault.channel for fault in faults if fault.channel is not None]
+    if base.misfit < NEARLY or len(deaf) < len(faults):  # a clock that is wrong is every channel's
         return
     sizes = base.fit.values[0, 1 : base.model.shared]
     setting, clearance = search.setting.added(base.hypotheses, sizes), search.profile.best
