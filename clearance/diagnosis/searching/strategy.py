@@ -70,4 +70,4 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
     hear(explanation)
     contest(search, explanation)
     prune(search, explanation)
-    retry_nominal(search, explanation)
+    retry_nominal(search, explanation, at_last=True)

@@ -156,6 +156,34 @@ def test_the_nominal_machine_keeps_its_own_path_where_another_is_no_beginning(mo
 
 
 @pytest.mark.parametrize(
+    ("nominal", "best", "at_last", "expected"),
+    [
+        (814.0, 1.0, True, 1.01),
+        (814.0, 1.0, False, 814.0),  # it takes time
+        (814.0, 30.0, True, 814.0),  # a path that is lost, too, tells nothing
+        (1.1, 1.0, True, 1.1),  # it has a path of its own
+    ],
+)
+def test_a_nominal_machine_that_was_lost_is_followed_anew_from_where_other_coordinates_led(
+    monkeypatch, nominal, best, at_last, expected
+):
+    explanation = Explanation(fitted([], nominal), [fitted(["flexible_base"], best, structural=True)])
+    search = Recorder({})
+    search.sought = lambda r, model, row, patience: ("begun", r, row.tolist())
+
+    def grown(held, rows, starts, limit):
+        assert held == ()
+        assert rows.tolist() == [[3e-4, 700.0]]
+        assert starts == [("begun", 0, [3e-4, 700.0])]
+        return fitted([], 1.01)
+
+    search.grown = grown
+    monkeypatch.setattr(simplify, "screen", lambda *_: SimpleNamespace(singles=[]))
+    retry_nominal(search, explanation, at_last)
+    assert explanation.nominal.misfit == expected
+
+
+@pytest.mark.parametrize(
     ("first", "misfit", "expected"),
     [
         (0, 0.99, True),  # 100 less, of which 9 are the price
