@@ -34,6 +34,7 @@ from clearance.diagnosis.searching.from_work import begin_balanced, begin_pairs
 from clearance.diagnosis.searching.geometry import (
     CLOCK,
     GEOMETRIC,
+    LOOSE_GUIDE,
     Dimension,
     Shown,
     suggest_channels,
@@ -344,4 +345,6 @@ STEPS: tuple[Callable[[Course], None], ...] = (
 
 
 def _forces(attempt: Attempt) -> bool:
-    return all(one.fault is None and one.name not in GEOMETRIC for one in attempt.hypotheses)
+    """Whether it says what drives alone: not where anything is, nor what a sensor makes of it."""
+    places = (LOOSE_GUIDE, *GEOMETRIC)
+    return all(one.fault is None and one.name not in places for one in attempt.hypotheses)

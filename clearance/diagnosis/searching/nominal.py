@@ -4,6 +4,9 @@ The motion alone suggests a clearance. A glance, some steps along the surest rec
 where it moves it, the paths of all recordings are sought anew. Then all are followed and fitted.
 """
 
+from collections.abc import Sequence
+from functools import partial
+
 import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, FOLLOWED, Attempt, explained, refine
@@ -60,7 +63,8 @@ def find_nominal(search: Search, explanation: Explanation) -> None:
         return
     model = search.setting.model()
     search.report("the nominal machine is looked for with patience")
-    found = search.finished.attempt((), model, lambda: _patiently(search, model), search.workers)
+    make = partial(follow_nominal, search, model, search.clearance, _PATIENTLY)
+    found = search.finished.attempt((), model, make, search.workers)
     if found is None:
         return
     clearance = float(found.fit.values[0, 0])
@@ -73,13 +77,18 @@ def find_nominal(search: Search, explanation: Explanation) -> None:
     search.report(f"nominal: misfit {found.misfit:.3g}, clearance {clearance * 1e3:.4f} mm")
 
 
-def _patiently(search: Search, model: Model) -> Attempt | None:
-    """A nominal machine that explains all recordings, at the first clearance where one is followed so."""
+def follow_nominal(
+    search: Search, model: Model, clearance: float, factors: Sequence[float] = (1.0,)
+) -> Attempt | None:
+    """The nominal machine on paths of its own, at the first of ``factors`` on a clearance [m] that explains.
+
+    Where one recording is not followed with it from its start no other is tried.
+    """
     surest = surest_of(search.starts)
-    for factor in _PATIENTLY:
+    for factor in factors:
         if search.late():
             return None
-        row = np.array([factor * search.clearance, search.traces[surest].speed])
+        row = np.array([factor * clearance, search.traces[surest].speed])
         try:
             found = grow(search.sought(surest, model, row, PATIENCE), model, row, most=_GLANCE)
             if found is None or not found[2] < FOLLOWED:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -54,6 +55,7 @@ from clearance.errors import InputError
 
 _TRIES = ((1.0, False), (1.0, True), *((gap, False) for gap in GAPS[1:]), (0.9, True), (1.1, True))
 """Factors on the gap that the motion shows, from islands or, which takes longer, from short stretches."""
+_ROUNDS = 3  # times that all are followed, from what one tells that has been torn somewhere
 _SHARE = 0.6  # of the time that is left: rails may be false, and something else is to be tried then
 _MUCH, _FORCES = 0.5, 2  # of the imbalance: forces that leave less are tried; how many
 _Forces = tuple[tuple[Hypothesis, ...], np.ndarray]
@@ -125,11 +127,17 @@ def begin_guide(
         found = _first(search, model, values, shortly, late)
         if found is not None or late():
             break
-    if found is not None:
+    for left in reversed(range(_ROUNDS)):
+        if found is None:
+            break
         first, followed = found
-        search.keep(explanation, held, lambda: _everywhere(search, held, model, first, followed))
-        if not explained(explanation.best):
-            explanation.rails = _told(held, model, followed) or explanation.rails
+        search.keep(explanation, held, partial(_everywhere, search, held, model, first, followed))
+        told = None if explained(explanation.best) else _told(held, model, followed)
+        explanation.rails = told or explanation.rails
+        if told is not None or explained(explanation.best) or not left or late():
+            break
+        values[:, : model.shared] = followed[1][: model.shared]  # nearer than what the motion shows
+        found = _first(search, model, values, False, late)
     return True
 
 

@@ -4,10 +4,10 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained, refine, tightened
 from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Hypothesis, same
-from clearance.diagnosis.searching.beside import NEARLY
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.diagnosis.searching.nominal import follow_nominal
 from clearance.diagnosis.searching.screening import screen
-from clearance.diagnosis.searching.search import PATIENCE, Search
+from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import SURE
 from clearance.diagnosis.shooting.covariance import deviations
 from clearance.diagnosis.shooting.follow import Follower
@@ -91,7 +91,7 @@ def retry_nominal(search: Search, explanation: Explanation, at_last: bool = Fals
     Args:
         search: after its nominal stage.
         explanation: whose nominal machine is replaced by one that leaves less.
-        at_last: whether a path with other coordinates counts: it takes up to half a minute to follow anew.
+        at_last: whether a path with other coordinates counts: it takes a while to follow anew.
     """
     best, nominal = explanation.best, explanation.nominal
     machine = search.setting.with_clearance(SOME_CLEARANCE)
@@ -104,9 +104,7 @@ def retry_nominal(search: Search, explanation: Explanation, at_last: bool = Fals
 
     def make() -> Attempt | None:
         if other:
-            rows = best.fit.values[:, [0, -1]]
-            starts = [search.sought(r, model, row, PATIENCE) for r, row in enumerate(rows)]
-            return search.grown((), rows, starts, NEARLY)
+            return follow_nominal(search, model, float(best.fit.values[0, 0]))
         followers, values = _led_back(best, search.workers)
         return refine((), model, followers, values, best.scale, 8, search.workers)
 

@@ -7,7 +7,7 @@ import pytest
 
 from clearance.diagnosis.hypotheses.free_form import FREE_FORM
 from clearance.diagnosis.searching import building, course, scrutiny
-from clearance.diagnosis.searching.course import search_all
+from clearance.diagnosis.searching.course import Course, search_all
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import reshape_anew
 from clearance.diagnosis.searching.scrutiny import _compare_kinds
@@ -396,6 +396,21 @@ def test_rails_beyond_doubt_come_before_any_force_and_are_not_followed_twice(
     search.most = 1
     search_all(search, Explanation(attempt([], misfit)), lambda _: None)
     assert [one for one in asked if misfit > 20.0 or one != "balance"] == expected
+
+
+@pytest.mark.parametrize(("name", "forces"), [("soft_drive", True), ("guide_clearance", False)])
+def test_between_rails_a_part_counts_as_a_force_unless_it_is_these_rails(fruitless, name, forces):
+    """Play beside play in the same guide took three minutes, and hid what one alone explains."""
+    part, asked = attempt([name], 5.0), []
+    part.fit.values, part.model.shared = np.array([[3e-4, 7.0, 70.0]]), 2
+    fruitless("begin_guide", lambda search, explanation, *given, most=1.0: asked.append(given) or False)
+    fruitless("unfinished", lambda *_: part)
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False)
+    search.most = 2
+    course = Course(search, Explanation(attempt([], 10.0), [part]))
+    course.built_on.append(part)
+    course.motion()
+    assert [given[1:2] for given in asked] == [(part.hypotheses,) if forces else ()]
 
 
 @pytest.mark.parametrize(

@@ -134,3 +134,35 @@ def test_forces_that_are_known_are_not_asked_for(monkeypatch):
     assert not begin_guide(search, other, None, known, np.array([0.5]))
     assert explanation.rattles < 1.0
     assert other.rattles == np.inf
+
+
+@pytest.mark.parametrize(
+    ("misfits", "told", "expected"),
+    [
+        ([0.97], False, [7e-5]),  # explained at once
+        ([12.1, 0.97], False, [7e-5, 7.1e-5]),  # the path was torn somewhere
+        ([12.1] * 9, False, [7e-5, 7.1e-5, 7.2e-5]),
+        ([12.1] * 9, True, [7e-5]),  # one recording tells of rails, whatever is lost in others
+    ],
+)
+def test_what_one_recording_tells_begins_another_round_until_all_are_explained(
+    monkeypatch, misfits, told, expected
+):
+    search, explanation, _ = rails(monkeypatch, None)
+    left, begun = iter(misfits), []
+
+    def first(search, model, rows, shortly, late):
+        begun.append(rows[0, 1])
+        return 0, (None, np.array([1e-4, rows[0, 1] + 1e-6, 700.0]), 1.8)
+
+    def keep(explanation, held, make):
+        assert make.args[-1][1][1] == begun[-1] + 1e-6  # on what was followed this time
+        explanation.best = SimpleNamespace(scale=1.0, level=next(left))
+
+    monkeypatch.setattr(rattling, "_first", first)
+    monkeypatch.setattr(rattling, "_told", lambda *_: "rails" if told else None)
+    search.keep = keep
+    search.setting.model = lambda held: SimpleNamespace(shared=2)
+    assert begin_guide(search, explanation)
+    assert begun == pytest.approx(expected)
+    assert explanation.rails == ("rails" if told else None)

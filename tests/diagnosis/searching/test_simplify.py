@@ -168,18 +168,14 @@ def test_a_nominal_machine_that_was_lost_is_followed_anew_from_where_other_coord
     monkeypatch, nominal, best, at_last, expected
 ):
     explanation = Explanation(fitted([], nominal), [fitted(["flexible_base"], best, structural=True)])
-    search = Recorder({})
-    search.sought = lambda r, model, row, patience: ("begun", r, row.tolist())
 
-    def grown(held, rows, starts, limit):
-        assert held == ()
-        assert rows.tolist() == [[3e-4, 700.0]]
-        assert starts == [("begun", 0, [3e-4, 700.0])]
+    def followed(search, model, clearance):
+        assert (model, clearance) == ("nominal machine", 3e-4)
         return fitted([], 1.01)
 
-    search.grown = grown
+    monkeypatch.setattr(simplify, "follow_nominal", followed)
     monkeypatch.setattr(simplify, "screen", lambda *_: SimpleNamespace(singles=[]))
-    retry_nominal(search, explanation, at_last)
+    retry_nominal(Recorder({}), explanation, at_last)
     assert explanation.nominal.misfit == expected
 
 
