@@ -94,12 +94,14 @@ def retry_nominal(search: Search, explanation: Explanation, at_last: bool = Fals
         at_last: whether a path with other coordinates counts: it takes a while to follow anew.
     """
     best, nominal = explanation.best, explanation.nominal
+    if not best.hypotheses or search.late():
+        return
     machine = search.setting.with_clearance(SOME_CLEARANCE)
     torn = explained(best) and max((hint.gain for hint in explanation.hints), default=SURE) < SURE
     other = any(hypothesis.structural(machine) for hypothesis in best.hypotheses)
     lost = at_last and explained(best) and not explained(nominal)
     asked = lost if other else explained(nominal) or torn or _idle(best)
-    if not (best.hypotheses and asked) or search.late():
+    if not asked:
         return
 
     def make() -> Attempt | None:

@@ -155,6 +155,13 @@ def test_the_nominal_machine_keeps_its_own_path_where_another_is_no_beginning(mo
     assert [hint.gain for hint in explanation.hints] == [80.0]
 
 
+@pytest.mark.parametrize("nominal", [1.0, 40.0])
+def test_where_nothing_was_found_beside_the_nominal_machine_it_stands(nominal):
+    explanation = Explanation(fitted([], nominal), [], [SimpleNamespace(gain=80.0)])
+    retry_nominal(Recorder({}), explanation, at_last=True)
+    assert explanation.nominal.misfit == nominal
+
+
 @pytest.mark.parametrize(
     ("nominal", "best", "at_last", "expected"),
     [
