@@ -222,11 +222,6 @@ def _load(
         for c in next(iter(everything.values())).channels
         if (c in channels or c == "crank_angle") and all(c in r.channels for r in everything.values())
     ]
-    if not any(c.startswith(("rod_", "slider_")) for c in shared):
-        raise InputError(
-            f"recordings: share {shared} of the channels {list(channels)}; at least one on rod or slider is "
-            "needed to follow the mechanism; change sensors or recordings"
-        )
     apart = 0.0 if others else _HELD_OUT
     told = {name: segments_before(len(one.values), apart) for name, one in everything.items()}
     silent = {
@@ -235,7 +230,13 @@ def _load(
         )
         for name, recording in everything.items()
     }
-    heard = [c for c in shared if not any(c in mute for mute in silent.values())] or shared
+    heard = [c for c in shared if not any(c in mute for mute in silent.values())]
+    if not any(c.startswith(("rod_", "slider_")) for c in heard):
+        constant = f", of which {heard} say something" if len(heard) < len(shared) else ""
+        raise InputError(
+            f"recordings: share {shared} of the channels {list(channels)}{constant}; at least one on rod or "
+            "slider is needed to follow the mechanism; change sensors or recordings"
+        )
     measured = {
         name: replace(
             Measured.of(recording.select(heard), chain_of(recording, name), name, apart)

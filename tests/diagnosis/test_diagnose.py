@@ -268,6 +268,14 @@ def test_a_sensor_that_is_constant_in_one_recording_is_left_out_of_all(recording
     assert "rod_b_axial" not in fitted[0].channels
 
 
+def test_sensors_of_the_rod_that_say_nothing_are_none(recordings):
+    whole = read(recordings / "a.parquet").select(["crank_b_axial", "rod_b_axial"])
+    values = whole.values.copy()
+    values[:, 1] = 0.0
+    with pytest.raises(InputError, match=r"of which \['crank_b_axial'\] say something; at least one on rod"):
+        _load({"a": replace(whole, values=values)}, {}, whole.channels)
+
+
 def test_a_channel_that_one_recording_lacks_is_said_to_be_left_out(recordings):
     whole, axial = read(recordings / "a.parquet"), read(recordings / "crank.parquet")
     (told, *_) = _unused({"a": whole, "b": axial}, ("rod_b_axial", "crank_b_axial", "slider_vertical"))

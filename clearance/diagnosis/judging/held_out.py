@@ -176,17 +176,14 @@ def _held_out(
                 known = aligned(measured, machine, speeds_near(search))
                 trace = Trace.of(measured, known, machine, instrument)
             except np.linalg.LinAlgError:
-                raise InputError(
-                    f"held_out: {measured.name} shows no motion of this mechanism; is it another machine's, "
-                    "or a sensor broken? Leave it out: what was fitted is kept"
-                ) from None
+                raise _unmoved(measured) from None
             ways = _ways(search, attempt, trace, only_speed, patience)
             try:
                 return best_of(ways, only_speed, search.patient_until)
             except np.linalg.LinAlgError:
                 raise InputError(
                     f"held_out: {measured.name} is not followed by any machine that was found; leave it out: "
-                    "what was fitted is kept"
+                    "what was fitted is kept, unless finished=null"
                 ) from None
 
         with ThreadPoolExecutor(search.workers) as pool:
@@ -238,8 +235,18 @@ def _clocked(measured: Measured, search: Search, attempt: Attempt) -> Measured:
         return measured
     own = [f.measured.clock for f in attempt.followers if f.measured.name == measured.name]
     if not own:
-        own = [find_clock(measured, aligned(measured, machine, speeds_near(search)), machine)]
+        try:
+            own = [find_clock(measured, aligned(measured, machine, speeds_near(search)), machine)]
+        except np.linalg.LinAlgError:
+            raise _unmoved(measured) from None
     return replace(measured, clock=own[0], period=machine.force.period)
+
+
+def _unmoved(measured: Measured) -> InputError:
+    return InputError(
+        f"held_out: {measured.name} shows no motion of this mechanism; is it another machine's, or a sensor "
+        "broken? Leave it out: what was fitted is kept, unless finished=null"
+    )
 
 
 def speeds_near(search: Search) -> tuple[float, float]:

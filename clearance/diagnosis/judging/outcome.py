@@ -21,6 +21,7 @@ from clearance.diagnosis.judging.true_seconds import machine_of
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.location import locate_joint
 from clearance.diagnosis.searching.rattling import between_rails
+from clearance.diagnosis.searching.scrutiny import look_beside_nominal
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import usual
 from clearance.diagnosis.searching.strategy import find_explanation
@@ -107,14 +108,19 @@ def diagnose(
         search.stopped = stopped = "it was interrupted"
         say("interrupted: what was found so far is judged and written; once more ends it at once")
     searching = False  # what comes now takes a minute at most as a rule
+    if explained(explanation.nominal):
+        look_beside_nominal(search, explanation)  # an interruption may have come before the first look
     if explanation.rails is not None and not explained(explanation.best):
         explanation.shown = between_rails(search, explanation.rails)
-    if simulations:
+    before = time.monotonic()
+    if simulations and not search.stopped:
         _calibrate(search, explanation, simulations)
+    apart = time.monotonic() - before  # which the time limit leaves out
+    search.deadline += apart
     ask(search, explanation)
     search.report("judging on held-out recordings")
     now = time.monotonic()
-    search.patient_until = now if search.stopped else now + patience(now - started, time_limit)
+    search.patient_until = now if search.stopped else now + patience(now - started - apart, time_limit)
     judged = judge(held_out, search, explanation)
     best = explanation.best
     errors = innovations(explanation.nominal, search.setting.joint, best if explained(best) else None)

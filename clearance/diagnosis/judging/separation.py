@@ -3,7 +3,8 @@
 The first explanation is taken for the truth. Its machine is run where it may be recorded next, and another
 explanation is fitted to that by the sensors that would be there: state, speed, clearance and its own
 parameters. What it leaves there is by how much the prices would differ on average. Of each recording a
-stretch is followed, so that it grows with their number. Explanations are told apart where it is ``margin``.
+stretch is followed, so that it grows with their number. Explanations are told apart where it is ``margin``,
+which grows with the root of all samples.
 
 Reference: Hunter & Reiner 1965, Technometrics 7(3), 307-323 (the experiment for which rival models, each
 fitted, differ most).
@@ -19,7 +20,7 @@ from clearance.diagnosis.following.attempt import ANNEALING, Attempt
 from clearance.diagnosis.following.trace import followed_segments
 from clearance.diagnosis.judging.detectability import follower_on_path
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.significance import margin
+from clearance.diagnosis.searching.significance import separating
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.settle import settle
@@ -83,12 +84,12 @@ def experiments(
         heard = {*recordings[0].channels, proposed.channel}
         try:
             run = _recorded(truth, speed, recordings[0], [c for c in ACCELERATIONS if c not in heard])
-            left = min(_left(other, speed, run) for other in others)
+            left, samples = min(_left(other, speed, run) for other in others)
         except (InputError, np.linalg.LinAlgError):  # a machine that does not run there
             continue
         followed = followed_segments(run.measured, speed * np.pi / 30.0) / run.segments
         if left > 0.0:
-            needed = margin(explanation) / (left * followed)  # 0: it is lost at once
+            needed = separating(explanation, left * followed, samples * followed)  # 0: it is lost at once
             found.append(replace(proposed, recordings=ceil(np.clip(needed, 1.0, _COUNTLESS))))
     return sorted(found, key=lambda one: one.recordings)
 
@@ -129,10 +130,11 @@ def _recorded(truth: Attempt, speed: float, measured: Measured, deaf: Sequence[s
     return follower
 
 
-def _left(other: Attempt, speed: float, run: Follower) -> float:
-    """What another explanation leaves of a recording: robust sum of squares, as a price counts it."""
+def _left(other: Attempt, speed: float, run: Follower) -> tuple[float, int]:
+    """What another explanation leaves of a recording, a robust sum of squares, and of how many samples."""
     follower, values = run.part(0, run.segments), np.append(other.fit.values[0, :-1], speed)[None]
     for scale in _SCALES:
         found = settle([follower], other.model, values, _ITERATIONS, _TOLERANCE, 1, scale=scale)
         values = found.values
-    return found.level * sum(one.samples for one in found.passes)
+    samples = sum(one.samples for one in found.passes)
+    return found.level * samples, samples

@@ -14,7 +14,7 @@ from clearance.diagnosis.searching.beside import HALFWAY
 from clearance.diagnosis.searching.everywhere import misleads
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
-from clearance.diagnosis.searching.significance import beats, margin, suspicious, unsettled
+from clearance.diagnosis.searching.significance import beats, margin, overstated, suspicious, unsettled
 from clearance.diagnosis.shooting.covariance import deviations
 from clearance.diagnosis.shooting.follow import EDGE
 from clearance.diagnosis.shooting.stretch import Comparison
@@ -82,9 +82,10 @@ def withdraw(explanation: Explanation) -> None:
 
 
 def equivalents(explanation: Explanation) -> list[Attempt]:
-    """Attempts that cannot be told from the best one, itself first; not those that only add to it.
+    """Attempts that cannot be told from the best one, itself first; not those that only add to one of them.
 
-    A force of free form can imitate a named one, and is no alternative to it.
+    A force of free form can imitate a named one, and is no alternative to it. Of variants of one effect the
+    best one stands for all.
     """
     best = explanation.best
     if not explained(best):
@@ -99,11 +100,17 @@ def equivalents(explanation: Explanation) -> list[Attempt]:
         and explained(a)
         and explanation.price(a) < limit
         and a.level < _WORSE * best.level
-        and not {(h.name, h.channel) for h in best.hypotheses} <= {(h.name, h.channel) for h in a.hypotheses}
     ]
-    falling = sorted(alike, key=explanation.price, reverse=True)  # of what was fitted several times the best
-    cheapest = {one.labels: one for one in falling}
-    return [best, *sorted(cheapest.values(), key=explanation.price)]
+    told: list[tuple[frozenset[tuple[str, str | None]], Attempt]] = [(_what(best), best)]
+    for one in sorted(alike, key=lambda one: (len(_what(one)), explanation.price(one))):
+        if not any(what <= _what(one) for what, _ in told):
+            told.append((_what(one), one))
+    return [best, *sorted((one for _, one in told[1:]), key=explanation.price)]
+
+
+def _what(attempt: Attempt) -> frozenset[tuple[str, str | None]]:
+    """What is missing by an attempt: names, and channels of faults."""
+    return frozenset((hypothesis.name, hypothesis.channel) for hypothesis in attempt.hypotheses)
 
 
 def rivals(verdict: str, explanation: Explanation) -> list[Attempt]:
@@ -282,13 +289,15 @@ def _kind(best: Attempt) -> str:
 
 
 def probabilities(explanation: Explanation) -> dict[int, float]:
-    """Of each that may be asserted, by its ``id``: exp(-difference / 2) of prices.
+    """Of each that may be asserted, by its ``id``: exp(-difference / 2) of prices, as far as these count.
 
-    What was fitted several times, from other paths or sizes, is one explanation, at its smallest price.
+    What was fitted several times, from other paths or sizes, is one explanation, at its smallest price. What
+    is equivalent is likely, too.
     """
     falling = sorted(explanation.standing, key=explanation.price, reverse=True)
     cheapest = {one.labels: explanation.price(one) for one in falling}
-    chance = dict(zip(cheapest, softmax(-0.5 * np.array([*cheapest.values()])), strict=True))
+    prices = np.array([*cheapest.values()]) / overstated(explanation)
+    chance = dict(zip(cheapest, softmax(-0.5 * prices), strict=True))
     return {id(one): float(chance[one.labels]) for one in falling}
 
 

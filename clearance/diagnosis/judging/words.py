@@ -25,7 +25,7 @@ from clearance.diagnosis.judging.verdict import (
 from clearance.diagnosis.searching.beside import HALFWAY
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import CLOCK, FRAME, GEOMETRIC
-from clearance.diagnosis.searching.significance import CALM, SURE, null_scores, suspicious
+from clearance.diagnosis.searching.significance import CALM, SURE, null_scores, suspicious, usual
 from clearance.mechanism.applied_force import TabulatedForce
 
 _PUSHES = {"torque": "torque", "moment": "moment"}
@@ -242,7 +242,7 @@ def _small(explanation: Explanation, joint: str, clearance: float, error: float)
     if suspicious(explanation) and error < _EXPLAINED:
         hint = explanation.hints[0] if explanation.hints else None
         most = null_scores()[-1]
-        if hint is not None and hint.gain > most:
+        if hint is not None and hint.gain > most and not usual(explanation):
             promise = (
                 f"{hint.label} promises more ({hint.gain:.0f}) than any effect did on machines that lack "
                 f"nothing and were followed ({most:.0f} at most)"

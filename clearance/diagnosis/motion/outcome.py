@@ -34,6 +34,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import peak_memory
 from clearance.recording.channels import si_unit
 
+_ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _UNLIKELY = 0.25  # share of a channel's variance that the mechanism must explain
 
 
@@ -123,7 +124,10 @@ def _with_table(
 
 @contextmanager
 def _interruptible(search: Search) -> Iterator[None]:
-    """Within it Ctrl-C and SIGTERM end the search as the time limit does; a second one ends the process."""
+    """Within it Ctrl-C, SIGTERM and SIGHUP end the search as the time limit does; a second one the process.
+
+    Not one that is ignored, as nohup has it.
+    """
 
     def stop(number: int, frame: object) -> None:
         search.stopped = "it was interrupted"
@@ -133,7 +137,8 @@ def _interruptible(search: Search) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():  # signals are the main thread's
         yield
         return
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard = [one for one in _ENDINGS if signal.getsignal(one) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, stop) for number in heard}
     try:
         yield
     finally:

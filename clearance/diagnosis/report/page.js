@@ -165,7 +165,7 @@ function else_() {
   if (groups.length) {
     block.append(h("p", { class: "lead" }, "These explain the recordings equally well; these sensors cannot tell them apart:"));
     block.append(h("div", { class: "alternatives" }, join(groups.map((group) => h("span", { class: "alternative" }, group.map(words).join(" + "))), " or ").map((part) => (typeof part === "string" ? h("span", { class: "or" }, "or") : part))));
-  } else if (list(DIAGNOSIS.effects).length) block.append(h("p", { class: "lead" }, "Nothing else that was tried explains these recordings as well."));
+  } else if (list(DIAGNOSIS.effects).some((effect) => ["prediction", "fitted recordings and motion", undefined].includes(effect.basis))) block.append(h("p", { class: "lead" }, "Nothing else that was tried explains these recordings as well."));
   if (next) block.append(h("div", { class: "next" }, h("h3", {}, groups.length ? "The recording that would tell" : "The next recording worth making"), h("p", {}, String(next)), experiments()));
 }
 

@@ -301,7 +301,7 @@ class Course:
 
     def lost(self) -> None:
         """The nominal machine once more, with patience, where nothing is followed nearly."""
-        if self.explanation.best.misfit > FAR and self.explanation.shown is None:
+        if self.explanation.best.misfit > FAR and self.explanation.rails is None:
             find_nominal(self.search, self.explanation)
 
     def build_on(self, part: float = PART) -> None:

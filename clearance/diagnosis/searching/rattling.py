@@ -56,7 +56,7 @@ from clearance.errors import InputError
 _TRIES = ((1.0, False), (1.0, True), *((gap, False) for gap in GAPS[1:]), (0.9, True), (1.1, True))
 """Factors on the gap that the motion shows, from islands or, which takes longer, from short stretches."""
 _ROUNDS = 3  # times that all are followed, from what one tells that has been torn somewhere
-_SHARE = 0.6  # of the time that is left: rails may be false, and something else is to be tried then
+_SHARE = 0.6  # of the time that is left, until rounds begin: rails may be false, and others are tried then
 _MUCH, _FORCES = 0.5, 2  # of the imbalance: forces that leave less are tried; how many
 _Forces = tuple[tuple[Hypothesis, ...], np.ndarray]
 _NOTHING: _Forces = ((), np.zeros(0))

@@ -41,9 +41,7 @@ def scrutinise(search: Search, explanation: Explanation) -> None:
         if search.late() and explanation.hints:
             return
         found = screen(best, search.others(best), search.workers)
-        if not explanation.hints:  # without a look beside the nominal machine nothing can be called whole
-            first = found if best is explanation.nominal else _beside_nominal(search, explanation)
-            explanation.hints = first.singles
+        look_beside_nominal(search, explanation, found if best is explanation.nominal else None)
         sure = [replace(hint, values=_begun(hint)) for hint in found.singles if hint.gain > SURE]
         sure = sorted([*sure, *misheard(search, best)], key=lambda hint: -hint.gain)
         _refit(search, explanation, best, sure)
@@ -56,9 +54,18 @@ def scrutinise(search: Search, explanation: Explanation) -> None:
         best = explanation.best
 
 
-def _beside_nominal(search: Search, explanation: Explanation) -> Screening:
+def look_beside_nominal(search: Search, explanation: Explanation, found: Screening | None = None) -> None:
+    """Note what a look beside the nominal machine promises, unless one was taken: else it is not whole.
+
+    Args:
+        search: with its recordings.
+        explanation: whose hints may be set.
+        found: the look, if it was taken for another purpose.
+    """
     nominal = explanation.nominal
-    return screen(nominal, search.others(nominal), search.workers)
+    if not explanation.hints:
+        found = found or screen(nominal, search.others(nominal), search.workers)
+        explanation.hints = found.singles
 
 
 def contest(search: Search, explanation: Explanation) -> None:

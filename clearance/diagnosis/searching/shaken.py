@@ -1,5 +1,6 @@
 """A frame that sensors on the crank feel moving: one that gives way, or one that something shakes."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -70,7 +71,9 @@ def begin_frame(search: Search, explanation: Explanation) -> None:
         fit_from(search, explanation, nominal, both, values, force.clearance, anew=True)
         if explained(explanation.best) or search.late():
             return
-    for one in suggest_dimensions(search, {}):
+    standing = copy(search)
+    standing.setting, standing.profile = setting, against
+    for one in suggest_dimensions(standing, {}):
         values = np.append(one.value, sizes)
         fit_from(search, explanation, nominal, [one.hypothesis, hypothesis], values, one.clearance, anew=True)
         if explained(explanation.best) or search.late():
@@ -126,9 +129,9 @@ def begin_shaking(search: Search, explanation: Explanation) -> None:
             fewer = replace(curve, knots=curve.knots[::2], forces=curve.forces[::2], interpolation="cubic")
             fitted = free_form(fewer, search.setting.joint)
             pushed = _with(search, explanation, fitted, float(pushed.fit.values[0, 0])) or pushed
-    if pushed is not None and explained(explanation.nominal):
+    if pushed is not None and explained(pushed) and explained(explanation.nominal):
         _on_the_path_of(pushed, search, explanation)
-        explanation.shown = pushed if explained(pushed) else None
+        explanation.shown = pushed
 
 
 def _with(search: Search, explanation: Explanation, force: Hypothesis, clearance: float) -> Attempt | None:

@@ -55,7 +55,28 @@ def p_value(fall: float, simulated: np.ndarray | None = None) -> float:
 
 def margin(explanation: Explanation) -> float:
     """Difference of prices below which another explanation is equivalent."""
-    return float(_ALIKE * explanation.samples**0.5 / 10.0)
+    return _ALIKE * overstated(explanation)
+
+
+def overstated(explanation: Explanation) -> float:
+    """By how much differences of prices say too much: neighbouring errors hang together."""
+    return float(explanation.samples**0.5 / 10.0)
+
+
+def separating(explanation: Explanation, fall: float, samples: float) -> float:
+    """How many further recordings make the ``margin``, which grows with the root of all samples.
+
+    It is N in N fall = 1.2 sqrt(S + N samples).
+
+    Args:
+        explanation: of S samples.
+        fall: that each adds to a difference of prices; infinitely many where it is 0.
+        samples: of each.
+    """
+    with np.errstate(divide="ignore", over="ignore"):
+        share = np.float64(_ALIKE / 10.0 / fall) ** 2
+    half = 0.5 * share * samples
+    return float(half + np.sqrt(half**2 + share * explanation.samples))
 
 
 def beats(attempt: Attempt, explanation: Explanation) -> bool:

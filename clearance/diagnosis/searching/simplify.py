@@ -84,14 +84,14 @@ def retry_nominal(search: Search, explanation: Explanation, at_last: bool = Fals
     What looked torn beside it may have been a path in another minimum, which an effect was the way out of.
     Its sizes are led back to "off" step by step while clearance and path follow. So is a nominal machine that
     was lost, where what explains may as well be off, or where no linear look is sure of anything: it was only
-    another way onto the path. Where that has other coordinates it is no beginning, but its clearance and
-    speeds are: a frame of a ton and a half explained what the nominal machine does, 0.13 mm from where it was
-    lost.
+    another way onto the path. At last any lost one is asked, and counts if it explains: beside it whatever
+    found the path is asserted. Where that has other coordinates it is no beginning, but its clearance is: a
+    frame of a ton and a half explained what the nominal machine does, 0.13 mm from where it was lost.
 
     Args:
         search: after its nominal stage.
         explanation: whose nominal machine is replaced by one that leaves less.
-        at_last: whether a path with other coordinates counts: it takes a while to follow anew.
+        at_last: whether every lost one is asked: it takes a while.
     """
     best, nominal = explanation.best, explanation.nominal
     if not best.hypotheses or search.late():
@@ -100,8 +100,8 @@ def retry_nominal(search: Search, explanation: Explanation, at_last: bool = Fals
     torn = explained(best) and max((hint.gain for hint in explanation.hints), default=SURE) < SURE
     other = any(hypothesis.structural(machine) for hypothesis in best.hypotheses)
     lost = at_last and explained(best) and not explained(nominal)
-    asked = lost if other else explained(nominal) or torn or _idle(best)
-    if not asked:
+    near = not other and (explained(nominal) or torn or _idle(best))
+    if not (lost or near):
         return
 
     def make() -> Attempt | None:
@@ -115,7 +115,7 @@ def retry_nominal(search: Search, explanation: Explanation, at_last: bool = Fals
         found = search.finished.attempt((), model, make, search.workers)
     except (InputError, np.linalg.LinAlgError):
         return
-    if found is None or not found.misfit < nominal.misfit:
+    if found is None or not found.misfit < nominal.misfit or not (near or explained(found)):
         return
     explanation.nominal = found
     explanation.hints = screen(found, search.others(found), search.workers).singles

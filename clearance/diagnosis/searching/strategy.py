@@ -69,5 +69,8 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
         confirm(search, explanation, at_last=True)
     hear(explanation)
     contest(search, explanation)
+    stood = explanation.best
     prune(search, explanation)
+    if explanation.best is not stood:  # alone it explains on the path that another effect put right
+        contest(search, explanation)
     retry_nominal(search, explanation, at_last=True)

@@ -10,6 +10,7 @@ from clearance.diagnosis.judging import held_out as judging
 from clearance.diagnosis.judging.held_out import _elsewhere, _passing, judge
 from clearance.diagnosis.judging.mismatch import Innovations
 from clearance.diagnosis.searching.explanation import Explanation
+from clearance.errors import InputError
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.judging.test_verdict import attempt
@@ -225,3 +226,16 @@ def test_ways_on_which_held_out_recordings_are_followed(monkeypatch, name, patie
     search, trace = SimpleNamespace(patient_until=np.inf), SimpleNamespace(speed=1.0)
     ways = judging._ways(search, attempt([name], 1.0), trace, None, patience)
     assert [way() for way in ways] == expected.split()
+
+
+def test_a_recording_that_was_held_out_and_shows_no_motion_is_named(monkeypatch):
+    def lost(*_):
+        raise np.linalg.LinAlgError("the linkage does not turn")
+
+    force = TabulatedForce(body="frame", direction="x", argument="time", values=(1.0, -1.0), period=0.1)
+    machine, fit = SimpleNamespace(force=force), SimpleNamespace(values=[None])
+    timed = SimpleNamespace(model=SimpleNamespace(machine=lambda _: machine), fit=fit, followers=[])
+    monkeypatch.setattr(judging, "aligned", lost)
+    search = SimpleNamespace(alignments=[SimpleNamespace(speed=70.0)])
+    with pytest.raises(InputError, match=r"held_out: 3\.csv shows no motion"):
+        judging._clocked(SimpleNamespace(name="3.csv"), search, timed)

@@ -58,7 +58,7 @@ def test_a_sensor_that_feels_the_difference_is_worth_fewer_recordings(rod):
 
 @pytest.mark.parametrize("left", [np.inf, 1e-300])
 def test_what_is_lost_at_once_takes_one_recording_and_what_is_the_same_countless_ones(rod, monkeypatch, left):
-    monkeypatch.setattr("clearance.diagnosis.judging.separation._left", lambda *_: left)
+    monkeypatch.setattr("clearance.diagnosis.judging.separation._left", lambda *_: (left, 20_000))
     explanation = SimpleNamespace(samples=SAMPLES)
     found = experiments(explanation, [LITTLE, NOMINAL], [rod])
     assert {one.recordings for one in found} == {1 if left == np.inf else 10**6}

@@ -121,7 +121,27 @@ def test_an_effect_that_was_fitted_twice_is_as_sure_as_once():
     chance = probabilities(Explanation(attempt([], 50.0), [*twice, rival]))
     assert chance[id(twice[0])] == chance[id(twice[1])]
     assert chance[id(twice[0])] + chance[id(rival)] == pytest.approx(1.0)
-    assert chance[id(twice[0])] / chance[id(rival)] == pytest.approx(np.exp(0.5), rel=1e-2)  # 10 000 samples
+    # 10 000 samples differ by 1, of which a tenth counts
+    assert chance[id(twice[0])] / chance[id(rival)] == pytest.approx(np.exp(0.05), rel=1e-2)
+
+
+def test_what_cannot_be_told_from_another_is_not_certain():
+    """The margin of equivalence is 120 for 10 000 samples; a difference of 50 is well within it."""
+    one, other = attempt(["gravity"], 1.0), attempt(["guide_friction"], 1.005)
+    explanation = Explanation(attempt([], 50.0), [one, other])
+    assert len(equivalents(explanation)) == 2
+    assert 0.9 < probabilities(explanation)[id(one)] < 0.95
+
+
+def test_of_equivalent_explanations_variants_and_what_only_adds_to_one_are_left_out():
+    best, alike = attempt(["gravity"], 1.0), attempt(["guide_friction"], 1.0003)
+    variant = attempt(["guide_friction"], 1.0005)
+    variant.labels = frozenset(["guide_friction(coulomb_force, viscous_damping)"])
+    more = attempt(["guide_friction", "restitution"], 1.0001)
+    other, same = (attempt(["sensor_gain"], 1.0004, "instrument") for _ in range(2))
+    other.hypotheses[0].channel, same.hypotheses[0].channel = "rod_b_axial", "rod_c_axial"
+    found = equivalents(Explanation(attempt([], 50.0), [variant, more, best, alike, other, same]))
+    assert found == [best, alike, other, same]
 
 
 @pytest.mark.parametrize(

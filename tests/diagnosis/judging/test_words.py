@@ -21,6 +21,7 @@ from tests.diagnosis.judging.test_verdict import attempt, known
         (73.0, 0.97, 0.97, "The recordings are explained to within", "gravity(gravity_y) promises more (73)"),
         (5.0, 1.25, 1.0, "The recordings are explained to within", "what is left (1.25) is more"),
         (73.0, 0.97, 3.0, "Something is missing", "(errors 3, floor 1.00)"),
+        (74.0, 1.25, 1.0, "The recordings are explained to within", "what is left (1.25) is more"),
     ],
 )
 def test_what_is_small_and_has_no_name_is_not_called_a_model_that_fails(
@@ -33,6 +34,8 @@ def test_what_is_small_and_has_no_name_is_not_called_a_model_that_fails(
     hint = SimpleNamespace(label="gravity(gravity_y)", gain=gain, hypotheses=[effect])
     fit = {"held_out": {"before": after, "after": after}}
     explanation = Explanation(nominal, hints=[hint], shaken=SimpleNamespace())
+    if gain == 74.0:  # as on its own simulations
+        explanation.simulated = np.full(19, 100.0)
     told = sentences("unknown", explanation, "C", fit, ["rod_c_axial"])
     assert told[0].startswith(headline)
     assert reason in told[0]

@@ -119,7 +119,7 @@ def test_nothing_is_found_where_nothing_is_missing():
     assert found["fit"]["held_out"]["after"] < 1.1
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_the_search_and_what_was_found_so_far_is_judged(number):
     said = []
 

@@ -164,6 +164,18 @@ def test_nothing_found_and_not_confirmed_is_not_called_missing(show):
     assert "what was held out could not be followed" in facts
 
 
+@pytest.mark.parametrize(
+    ("basis", "told"), [("prediction", True), ("fitted recordings and motion", True), ("motion", False)]
+)
+def test_what_the_motion_alone_shows_is_not_said_to_explain(show, basis, told):
+    diagnosis, evidence = EXAMPLES["physics"]()
+    diagnosis["equivalent"] = []
+    for effect in diagnosis["effects"]:
+        effect["basis"] = basis
+    text = show(diagnosis, evidence).run("document.body.innerText")
+    assert ("Nothing else that was tried explains these recordings as well" in text) == told
+
+
 @pytest.mark.parametrize("name", ["physics", "unknown"])
 def test_names_that_look_like_markup_are_text(show, name):
     diagnosis, evidence = map(_poisoned, EXAMPLES[name]())

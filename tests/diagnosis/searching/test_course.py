@@ -221,14 +221,15 @@ def fruitless(stand_in):
         (700.0, 43.0, None, True),  # one of two, perhaps
         (700.0, 3.0, None, False),  # nearly: a look tells what is missing
         (15.0, 15.0, None, False),
-        (700.0, 700.0, "rails", False),  # measured: a slider that is loose is followed otherwise
+        (700.0, 43.0, "rails", False),  # measured: a slider that is loose is followed otherwise
     ],
 )
 def test_patience_is_for_what_nothing_follows(fruitless, misfit, best, rails, expected):
     asked = []
     fruitless("begin_patiently", lambda *_: asked.append("patience"))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False, most=1)
-    attempts = [attempt(["rod_flexibility"], best)] if best < misfit else []
+    name = "guide_clearance" if rails else "rod_flexibility"
+    attempts = [attempt([name], best)] if best < misfit else []
     search_all(search, Explanation(attempt([], misfit), attempts, rails=rails), lambda _: None)
     assert bool(asked) == expected
 

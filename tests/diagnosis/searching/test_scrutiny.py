@@ -10,7 +10,7 @@ from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.searching import scrutiny
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint
-from clearance.diagnosis.searching.scrutiny import _compare_orders
+from clearance.diagnosis.searching.scrutiny import _compare_orders, look_beside_nominal
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.judging.test_verdict import attempt
 
@@ -41,3 +41,18 @@ def test_lobes_of_other_orders_that_promise_nearly_as_much_are_compared(monkeypa
     assert max(abs(one[2]) for one in refitted) <= np.pi
     _compare_orders(search, Explanation(nominal, [attempt(["gravity"], 1.0)]), nominal)
     assert len(refitted) == 4
+
+
+def test_the_look_beside_the_nominal_machine_is_taken_once(monkeypatch):
+    looked = []
+    monkeypatch.setattr(
+        scrutiny, "screen", lambda base, *_: looked.append(base) or SimpleNamespace(singles=["a hint"])
+    )
+    nominal = attempt([], 1.0)
+    explanation, search = Explanation(nominal), SimpleNamespace(others=lambda _: [], workers=1)
+    look_beside_nominal(search, explanation)
+    look_beside_nominal(search, explanation)
+    assert (looked, explanation.hints) == ([nominal], ["a hint"])
+    other = Explanation(nominal)
+    look_beside_nominal(search, other, SimpleNamespace(singles=["another"]))
+    assert (looked, other.hints) == ([nominal], ["another"])

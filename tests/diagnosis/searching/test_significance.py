@@ -11,7 +11,15 @@ from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.kinematics.shaking import Shaking
 from clearance.diagnosis.searching import significance
 from clearance.diagnosis.searching.explanation import Explanation, Suspected
-from clearance.diagnosis.searching.significance import null_scores, p_value, suspicious, unsettled, usual
+from clearance.diagnosis.searching.significance import (
+    margin,
+    null_scores,
+    p_value,
+    separating,
+    suspicious,
+    unsettled,
+    usual,
+)
 from tests.diagnosis.judging.test_verdict import attempt
 
 
@@ -65,6 +73,14 @@ def test_a_measured_force_on_the_frame_stands_where_one_step_errors_say_nothing_
     explanation.shaken = None  # without it the nominal machine would do
     explanation.attempts.remove(better)
     assert explanation.best is nominal
+
+
+@pytest.mark.parametrize(("fall", "samples"), [(24.0, 20_000), (300.0, 20_000), (24.0, 100)])
+def test_further_recordings_make_the_margin_that_grows_with_them(fall, samples):
+    explanation = SimpleNamespace(samples=40_000)
+    needed = separating(explanation, fall, samples)
+    grown = SimpleNamespace(samples=explanation.samples + needed * samples)
+    assert needed * fall == pytest.approx(margin(grown))
 
 
 def test_the_scores_were_measured():

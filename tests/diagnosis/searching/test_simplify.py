@@ -61,7 +61,7 @@ def test_of_two_the_one_that_explains_nothing_goes():
     assert [asked[1] for asked in search.asked] == [[[3e-4, 2.0, 700.0]], [[3e-4, 1.0, 700.0]]]
 
 
-def retried(monkeypatch, nominal, best, again, gain, promised=80.0):
+def retried(monkeypatch, nominal, best, again, gain, promised=80.0, at_last=False):
     """An explanation whose nominal machine was fitted on the path of the best."""
     explanation = Explanation(fitted([], nominal), [best], [SimpleNamespace(gain=promised)])
 
@@ -80,7 +80,7 @@ def retried(monkeypatch, nominal, best, again, gain, promised=80.0):
     monkeypatch.setattr(simplify, "settle", settle)
     monkeypatch.setattr(simplify, "refine", refine)
     monkeypatch.setattr(simplify, "screen", lambda *_: SimpleNamespace(singles=[SimpleNamespace(gain=gain)]))
-    retry_nominal(Recorder({}), explanation)
+    retry_nominal(Recorder({}), explanation, at_last)
     return explanation
 
 
@@ -153,6 +153,17 @@ def test_the_nominal_machine_keeps_its_own_path_where_another_is_no_beginning(mo
     explanation = retried(monkeypatch, nominal, best, 1.0, 9.0)
     assert explanation.nominal.misfit == nominal
     assert [hint.gain for hint in explanation.hints] == [80.0]
+
+
+@pytest.mark.parametrize(
+    ("again", "at_last", "expected"),
+    [(1.01, True, 1.01), (1.01, False, 814.0), (30.0, True, 814.0)],  # unless it explains it is no other
+)
+def test_any_nominal_machine_that_was_lost_is_asked_at_last(monkeypatch, again, at_last, expected):
+    """However sure the effect is: beside a machine that was lost any is asserted."""
+    monkeypatch.setattr(simplify, "deviations", lambda fit: np.array([1e-6, 0.1]))
+    found = retried(monkeypatch, 814.0, fitted(["restitution"], 1.0), again, 9.0, at_last=at_last)
+    assert found.nominal.misfit == expected
 
 
 @pytest.mark.parametrize("nominal", [1.0, 40.0])

@@ -51,3 +51,23 @@ def test_beside_one_of_two_what_acts_inside_the_joint_is_asked(monkeypatch):
         SimpleNamespace(late=lambda: False, most=2), Explanation(attempt([], 8.8), [one, two]), lambda _: None
     )
     assert inside == [one]  # the gain had taken a little of what a softer contact does
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_a_name_that_explains_alone_once_another_is_pruned_stands_against_a_table_too(monkeypatch, alone):
+    strategy, contested = "clearance.diagnosis.searching.strategy.", []
+    for name in (
+        "begin_shaking", "search_all", "enlarge", "sharpen", "scrutinise", "retry_nominal", "confirm",
+        "begin_elsewhere", "begin_inside",
+    ):  # fmt: skip
+        monkeypatch.setattr(strategy + name, lambda *_, **__: None)
+    pair, one = attempt(["gravity", "restitution"], 1.0), attempt(["gravity"], 1.0)
+
+    def prune(search, explanation):
+        explanation.attempts += [one] if alone else []
+
+    monkeypatch.setattr(strategy + "prune", prune)
+    monkeypatch.setattr(strategy + "contest", lambda _, explanation: contested.append(explanation.best))
+    search = SimpleNamespace(late=lambda: False, most=2)
+    find_explanation(search, Explanation(attempt([], 40.0), [pair]), lambda _: None)
+    assert contested == ([pair, one] if alone else [pair])
