@@ -98,6 +98,7 @@ def mend(follower: Follower, fixed: Model, first: int, last: int, limit: float =
     for segment in range(first, last - 1):
         if not advance(follower, fixed, segment, last, limit):
             limit = np.inf
+    follower.path.nodes[:first] = before.nodes[:first]  # what came before is no part of the comparison
     if inside:
         follower.path.nodes[last - 1 :] = before.nodes[last - 1 :]
     if not joined((3.0, 1.0)) < cost:

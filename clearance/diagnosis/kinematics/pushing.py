@@ -73,19 +73,27 @@ class _Left:
         Of A moving by Re(g exp(i v t)) in x, with the crank at angle o t, the tie is the real part of
         i g / 2 [(v + 3 o) exp(i (v + o) t) + (v - 3 o) exp(i (v - o) t)].
         """
-        v = 2.0 * np.pi * frequency * np.arange(1, harmonics + 1)
+        mean = float(self.time[1] - self.time[0])  # of what is seen: beyond half its rate nothing is
+        resolved = int((np.pi / mean - abs(self.speed)) / (2.0 * np.pi * frequency))
+        v = 2.0 * np.pi * frequency * np.arange(1, min(harmonics, max(resolved, 1)) + 1)
         omega, mass = 2.0 * np.pi * frame.frequency, frame.mass
         springs = mass * omega * (2j * frame.damping_ratio * v + omega)
         answer = -(v**2) / (springs - (mass + self.along[way]) * v**2)
         wave, turn = np.exp(1j * np.outer(self.time, v)), np.exp(1j * self.turned)[:, None]
-        faster = (v + 3.0 * self.speed) * smoothed(v + self.speed) * wave * turn
-        slower = (v - 3.0 * self.speed) * smoothed(v - self.speed) * wave / turn
+
+        def seen(w: np.ndarray) -> np.ndarray:
+            answered: np.ndarray = smoothed(w) * np.sinc(w * mean / (2.0 * np.pi))
+            return answered
+
+        faster = (v + 3.0 * self.speed) * seen(v + self.speed) * wave * turn
+        slower = (v - 3.0 * self.speed) * seen(v - self.speed) * wave / turn
         tie = 0.5 * answer * (1j * (faster + slower) if way == 0 else faster - slower)
         columns = np.hstack([tie.real, -tie.imag])
         columns -= self.unknown @ (self.unknown.T @ columns)
         parts = np.linalg.lstsq(columns, self.rest, rcond=None)[0]
         cost = float(np.sum((self.rest - columns @ parts) ** 2))
-        return parts[:harmonics] + 1j * parts[harmonics:], cost
+        count = len(v)
+        return np.pad(parts[:count] + 1j * parts[count:], (0, harmonics - count)), cost
 
 
 def find_pushing(

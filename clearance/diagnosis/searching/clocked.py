@@ -26,6 +26,7 @@ from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.settle import settle
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import TabulatedForce
+from clearance.simulation.layout import State
 
 _UNTIMELY, _PERIODS, _TIMED = 3e-3, 8, 2  # share of a period that it may be off; trials; steps of each
 _SETTLED = 2  # times that clearance, clocks and shape are settled, each beside the others
@@ -230,4 +231,5 @@ def _by(
     for follower, shift in zip(own, ahead, strict=True):
         one = follower.measured
         follower.measured = replace(one, clock=one.clock + float(shift), period=period)
+        follower.path.nodes[:, State.TIME] += float(shift)  # by which the machine's table is read
     return lasting(curve, period), own

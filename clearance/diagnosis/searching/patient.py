@@ -281,9 +281,12 @@ class _OneRecording:
         found = list[Followed]()
         for first in range(0, len(starts), search.workers):
             with ThreadPoolExecutor(search.workers) as pool:
-                some = pool.map(one, starts[first : first + search.workers])
-                found += [each for each in some if each is not None]
-            if search.late() or any(each[2] <= POOR for each in found):
+                some = list(pool.map(one, starts[first : first + search.workers]))
+            for each in filter(None, some):  # in their order, however many were followed at a time
+                if each[2] <= POOR:
+                    return min((*found, each), key=lambda one: one[2])
+                found.append(each)
+            if search.late():
                 break
         return min(found, key=lambda each: each[2], default=None)
 

@@ -16,13 +16,20 @@ def limit(values: np.ndarray) -> float:
     """At which a channel stops [its unit]: the largest value, where it comes again and again; or infinity.
 
     Noise enters before a converter clips, so that no value comes twice but its limit. Where values are
-    rounded to steps, however coarse, the largest one is rarer than the next ones unless it is the limit.
+    rounded to steps, however coarse, the largest one is rarer than the next ones unless it is the limit. What
+    rests most of the time does so at no limit.
     """
-    levels, counts = np.unique(np.abs(values), return_counts=True)
+    stops = min(_stop(values), _stop(-values))
+    return stops if np.abs(values).max() <= stops / _OUTER else np.inf
+
+
+def _stop(values: np.ndarray) -> float:
+    """The largest positive value, if it comes again and again: a sensor's zero may lie aside."""
+    levels, counts = np.unique(np.maximum(values, 0.0), return_counts=True)
     near = levels > _OUTER * levels[-1]
     near[-_NEXT:] = True
-    stops = counts[-1] >= _REPEATED * counts[near][:-1].max(initial=1)
-    return float(levels[-1]) if stops else np.inf
+    often = counts[-1] >= _REPEATED * counts[near][:-1].max(initial=1)
+    return float(levels[-1]) if often and 2 * counts[-1] < len(values) else np.inf
 
 
 def noise_level(values: np.ndarray, signal: int, limit: float = np.inf) -> float:

@@ -13,6 +13,7 @@ from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.tolerances import HALF, Open, instrument_of, values_of
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.model import Model, Unknown
+from clearance.diagnosis.shooting.stretch import Pass
 from clearance.mechanism.slider_crank import SliderCrank
 
 _FURTHEST = 1.5  # tolerances: bound
@@ -73,21 +74,22 @@ class Calibration:
         last = self._shared + len(self.what)
         return np.concatenate([values[..., : self._shared], values[..., last:]], axis=-1)
 
-    def known(self, information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def known(self, information: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What is known of the model's parameters and of the accelerometers.
 
         Args:
             information: (P, P) of the whole.
 
         Returns:
-            (P', P') information of the model's parameters, whatever the accelerometers do, and (what, what)
-            covariance of these.
+            (P', P') information of the model's parameters, whatever the accelerometers do, (what, what)
+            covariance of these, and (what, P') by how much they go back when a parameter moves on.
         """
         place = np.arange(len(information))
         own = (place >= self._shared) & (place < self._shared + len(self.what))
         expected = np.diag([(HALF * one.tolerance) ** -2.0 for one in self.what])
         if not np.isfinite(information).all():  # a segment that does not run tells nothing of them
-            return information[np.ix_(~own, ~own)], np.linalg.inv(expected)
+            rest = information[np.ix_(~own, ~own)]
+            return rest, np.linalg.inv(expected), np.zeros((len(self.what), len(rest)))
         theirs, between = information[np.ix_(own, own)] + expected, information[np.ix_(own, ~own)]
         rest = information[np.ix_(~own, ~own)]
         scale, other = np.diag(theirs) ** -0.5, np.maximum(np.diag(rest), np.finfo(float).tiny) ** -0.5
@@ -96,7 +98,33 @@ class Calibration:
         own_rest = rest * np.outer(other, other)
         known = own_rest - across.T @ told
         spread = np.linalg.inv(unit) + told @ np.linalg.pinv(known, hermitian=True) @ told.T
-        return known / np.outer(other, other), spread * np.outer(scale, scale)
+        followed = told * np.outer(scale, 1.0 / other)
+        return known / np.outer(other, other), spread * np.outer(scale, scale), followed
+
+    def scores(self, passes: Sequence[Pass], values: np.ndarray, followed: np.ndarray) -> list[np.ndarray]:
+        """Scores of the segments for the model's parameters while the accelerometers follow these.
+
+        What a parameter shares with an accelerometer tells nothing of it: else intervals are as wide as if
+        everything that the segments say were as uncertain as the little that is left.
+
+        Args:
+            passes: of the whole.
+            values: (recordings, unknowns) likewise.
+            followed: as of ``known``.
+
+        Returns:
+            (segments, unknowns of the plain model) of each recording, as of ``Pass.parts``.
+        """
+        first, last = self._shared, self._shared + len(self.what)
+        count, found = len(self.model.unknowns), []
+        for r, (one, row) in enumerate(zip(passes, values, strict=True)):
+            steps = np.array([self.model.step(row, i) for i in range(count)])
+            natural = one.parts / steps
+            begun = first + r * (count - last)
+            places = [*range(first), *range(begun, begun + count - last)]
+            projected = self.without(natural) - natural[:, first:last] @ followed[:, places]
+            found.append(projected * self.without(steps))
+        return found
 
 
 def calibration_of(followers: Sequence[Follower], model: Model) -> Calibration | None:

@@ -35,10 +35,6 @@ class Fit(Settled):
     information: np.ndarray
     covariance: np.ndarray | None = None
 
-    def deviations(self) -> np.ndarray:
-        """(P,) standard deviations of all parameters."""
-        return np.sqrt(np.diag(np.linalg.pinv(self.information)))
-
 
 def fit(
     followers: Sequence[Follower],
@@ -85,7 +81,8 @@ def _calibrated(
             begun = settle(followers, model, begun, iterations, _COARSELY, workers, **coarsely).values
         found = settle(followers, model, begun, iterations, tolerance, workers, **options)
         passes = _look(followers, model, found.values, workers, options)
-        information, covariance = calibration.known(assemble(passes, model, found.values)[0])
+        information, covariance, followed = calibration.known(assemble(passes, model, found.values)[0])
+        scores = calibration.scores(passes, found.values, followed)
     finally:
         for follower, measured in zip(followers, kept, strict=True):
             follower.measured = measured
@@ -93,6 +90,8 @@ def _calibrated(
     for follower, measured in zip(followers, kept, strict=True):
         follower.measured = measured.calibrated(sensors)
     passes = _look(followers, calibration.plain, values, workers, options)
+    for one, parts in zip(passes, scores, strict=True):
+        one.parts = parts
     cost = sum(one.cost for one in passes)
     return Fit(calibration.plain, values, cost, passes, information, covariance)
 

@@ -20,6 +20,7 @@ from clearance.diagnosis.judging.detectability import (
 )
 from clearance.diagnosis.judging.nominal_map import CLEARANCES, SPEEDS, nominal_map
 from clearance.diagnosis.sensing.instrument import Instrument
+from clearance.diagnosis.shooting.covariance import deviations
 from clearance.diagnosis.shooting.fit import fit
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.mechanism.drive import SpeedControl
@@ -157,6 +158,6 @@ def test_fits_find_an_effect_of_that_size_and_not_a_third_of_it(name, sensors):
             follower = Follower(measured, truth.integrator, truth.input_sigma.copy())
             follower.path = truth.path.copy()
             done = fit([follower], model, start, 6, 1e-5, 1)
-            found[share] += abs(done.values[0, 1] - hypothesis.off[0]) > 1.96 * done.deviations()[1]
+            found[share] += abs(done.values[0, 1] - hypothesis.off[0]) > 1.96 * deviations(done)[1]
     assert found[1.0] >= 5  # of six
     assert found[1.0 / 3.0] <= 2

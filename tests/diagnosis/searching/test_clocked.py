@@ -14,6 +14,7 @@ from clearance.diagnosis.kinematics.rhythm import Rhythm
 from clearance.diagnosis.searching import clocked
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.slider_crank import SliderCrank
+from clearance.simulation.layout import STATES, State
 from tests.diagnosis.judging.test_verdict import attempt
 from tests.diagnosis.searching.test_tables import sampled, tabulated, with_force
 
@@ -24,19 +25,32 @@ VALUES = np.array([20.0, -8.0, 0.1, 0.45, 0.02])
 class Heard:
     """What a table over time needs of a recording: its clock, and where its middle is."""
 
-    begin: float = 0.1
     segment: float = 1e-3
     clock: float = 0.1
     period: float = 0.04
 
+    @property
+    def begin(self):
+        return self.clock
+
+
+def follower(segments):
+    """One whose path is where its clock says."""
+    nodes = np.zeros((segments, STATES))
+    nodes[:, State.TIME] = 0.1 + 1e-3 * np.arange(segments)
+    one = SimpleNamespace(measured=Heard(), segments=segments, path=SimpleNamespace(nodes=nodes))
+    one.part = lambda *_: follower(segments)
+    return one
+
+
+def times(one):
+    return one.path.nodes[:, State.TIME]
+
 
 @pytest.mark.parametrize("right", [0.99, 1.002])
 def test_a_period_is_fitted_where_the_middle_of_a_recording_stays_in_its_place(monkeypatch, right):
-    def follower():
-        return SimpleNamespace(measured=Heard(), segments=600, part=lambda *_: follower())
-
     known = with_force([FREE_FORM], 9.0, tabulated("time", 4))
-    known.followers, known.scale = [follower()], 3.16
+    known.followers, known.scale = [follower(600)], 3.16
     curve = Curve("slider", "x", "time", 0.01 * np.arange(4), np.ones(4), np.zeros(4), 0.0, 0.0, period=0.04)
     heard = []
 
@@ -45,6 +59,7 @@ def test_a_period_is_fitted_where_the_middle_of_a_recording_stays_in_its_place(m
 
     def refit(explanation, held, own, *_, **__):
         heard.append((own[0].measured, held[0].apply(SliderCrank(), np.ones(4)).force))
+        np.testing.assert_allclose(times(own[0]), own[0].measured.begin + 1e-3 * np.arange(600))
         return with_force([FREE_FORM], 3.0, tabulated("time", 4))
 
     monkeypatch.setattr(clocked, "settle", settle)
@@ -64,8 +79,7 @@ def test_a_period_is_fitted_where_the_middle_of_a_recording_stays_in_its_place(m
 def test_the_rest_of_a_recording_tells_how_long_a_period_is(monkeypatch, left, stands):
     found = with_force([FREE_FORM], 1.0, tabulated("time", 4))
     found.fit.values = np.array([[3e-4, 1.0, 2.0, 3.0, 4.0, 700.0]])
-    found.followers = [SimpleNamespace(measured=Heard(), segments=110)]
-    found.followers[0].part = lambda *_: SimpleNamespace(measured=Heard(), segments=110)
+    found.followers = [follower(110)]
     curve = Curve("slider", "x", "time", 0.01 * np.arange(4), np.ones(4), np.zeros(4), 0.0, 0.0, period=0.04)
     again, heard = attempt([FREE_FORM], left), []
 
@@ -77,6 +91,7 @@ def test_the_rest_of_a_recording_tells_how_long_a_period_is(monkeypatch, left, s
 
     def refit(explanation, held, own, *_, **__):
         heard.append((own[0].measured.clock, held[0].apply(SliderCrank(), np.ones(4)).force.period))
+        np.testing.assert_allclose(times(own[0]), own[0].measured.begin + 1e-3 * np.arange(110))
         return again
 
     @contextmanager

@@ -112,6 +112,18 @@ def test_a_limit_is_where_the_largest_value_comes_again_and_again(step, seed):
     assert limit(np.clip(values, -few, few)) == np.inf, "once is no limit"
 
 
+@pytest.mark.parametrize(("low", "expected"), [(-50.0, 46.0), (-48.0, 46.0), (-80.0, np.inf)])
+def test_of_a_sensor_whose_zero_lies_aside_both_limits_are_one(low, expected):
+    """One that goes far beyond on the other side has no limit there."""
+    values = 40.0 * np.sin(np.linspace(0.0, 90.0, 3000)) + 12.0 * np.random.default_rng(0).normal(size=3000)
+    assert limit(np.clip(values, low, 46.0)) == expected
+
+
+def test_what_rests_on_one_of_two_coarse_levels_does_not_stop_there():
+    values = np.where(np.random.default_rng(0).random(3000) < 0.05, -9.5, -10.0)
+    assert limit(values) == np.inf
+
+
 @pytest.mark.parametrize("levels", [1, 2, 3, 6])
 def test_a_coarse_converter_is_not_one_that_clips(levels):
     values = np.random.default_rng(levels).normal(size=3000)
@@ -176,7 +188,7 @@ def test_a_recording_is_cut_into_segments_accelerations_first():
     source = recording(407)
     measured = Measured.of(source, CHAIN, "one")
     assert measured.values.shape == (40, SAMPLES, 3)
-    assert measured.channels[:2] != ("crank_angle",)
+    assert "crank_angle" not in measured.channels[:2]
     assert measured.filtered == 2
     assert set(measured.channels) == set(source.channels)
     for place, (channel, signal) in enumerate(zip(measured.channels, measured.signals, strict=True)):

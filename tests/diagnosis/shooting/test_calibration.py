@@ -1,6 +1,7 @@
 """Sensors that are a little off are found together with the clearance, and make it less sure."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from clearance.diagnosis.hypotheses.hypothesis import gather
 from clearance.diagnosis.sensing.measured import NO_FAULT, Measured
 from clearance.diagnosis.sensing.tolerances import HALF, Tolerances, instrument_of, values_of
 from clearance.diagnosis.shooting.calibration import Calibration
+from clearance.diagnosis.shooting.covariance import deviations
 from clearance.diagnosis.shooting.fit import fit
+from clearance.diagnosis.shooting.normal_equations import assemble
 from clearance.diagnosis.shooting.settle import settle
 from clearance.recording.recording import Recording
 from tests.diagnosis.shooting.test_follow import (
@@ -59,9 +62,11 @@ def test_sensors_within_their_tolerances_do_not_hide_the_clearance(seed):
     # what is left is what a look at the calibrated recording leaves
     assert found.cost == pytest.approx(settle([one], MODEL, found.values, 0).cost, rel=1e-6)
     assert one.measured.widened < 1.1
-    deviation = found.deviations()[0]
+    deviation = deviations(found)[0]
     assert abs(found.values[0, 0] - CLEARANCE) < 4.0 * deviation
-    assert deviation > 1.05 * exact.deviations()[0]  # who must find the sensors too knows less
+    assert deviation > 1.05 * deviations(exact)[0]  # who must find the sensors too knows less
+    information = np.sqrt(np.diag(np.linalg.inv(found.information)))[0]
+    assert deviation < 1.5 * information  # how segments scatter says no other: the noise is white
     error = (np.array(values_of(what, one.measured.sensors)) - true) / size
     doubts = np.sqrt(np.diag(found.covariance))
     assert np.abs(error / np.maximum(doubts / size, 1e-2)).max() < 5.0
@@ -95,17 +100,44 @@ def test_what_is_known_of_the_rest_is_what_is_left_when_sensors_are_found_too():
     root = rng.normal(size=(8, 4))
     scale = np.array([1e6, 1e2, 1e3, 1e-2])  # of clearance, two gains and a speed
     information = (root.T @ root) * np.outer(scale, scale)
-    found, covariance = calibration.known(information)
+    found, covariance, _ = calibration.known(information)
     whole = np.linalg.inv(information + np.diag([0.0, 1e4, 1e4, 0.0]))
     np.testing.assert_allclose(np.linalg.inv(found), whole[np.ix_([0, 3], [0, 3])], rtol=1e-8)
     np.testing.assert_allclose(covariance, whole[1:3, 1:3], rtol=1e-8)
+
+
+def test_scores_scatter_as_the_information_says_though_a_sensor_does_nearly_the_same():
+    """White scores of two recordings: their covariance is the information of all parameters."""
+    what = Tolerances(gain=0.02).open(("rod_b_axial", "rod_c_axial"))
+    calibration = Calibration(MODEL, what)
+    rng = np.random.default_rng(3)
+    values = calibration.beside(np.repeat(TRUTH, 2, axis=0), NO_FAULT)
+    steps = np.array([calibration.model.step(values[0], i) for i in range(4)])
+    mixed = np.array(
+        [[1.0, 0.95, 0.0, 0.1], [0.0, 0.2, 0.0, 0.0], [0.0, 0.0, 1.0, 0.2], [0.0, 0.0, 0.0, 1.0]]
+    )
+    parts = [300.0 * rng.normal(size=(20_000, 4)) @ mixed * steps for _ in range(2)]
+    passes = [
+        SimpleNamespace(parts=one, gram=np.pad(one.T @ one, ((0, 1), (0, 1)))) for one in parts
+    ]  # fmt: skip
+    information, _ = assemble(passes, calibration.model, values)
+    known, _, followed = calibration.known(information)
+    scores = calibration.scores(passes, values, followed)
+    plain = [
+        SimpleNamespace(parts=one, gram=np.pad(one.T @ one, ((0, 1), (0, 1)))) for one in scores
+    ]  # fmt: skip
+    scatter, _ = assemble(plain, MODEL, calibration.without(values))
+    unit = np.sqrt(np.outer(np.diag(known), np.diag(known)))
+    np.testing.assert_allclose(scatter / unit, known / unit, atol=0.05)
+    assert known[0, 0] < 0.3 * information[0, 0]
 
 
 def test_where_a_segment_does_not_run_no_more_is_known_than_before():
     what = TOLERANCES.open(follower().measured.channels)
     calibration = Calibration(MODEL, what)
     information = np.full((2 + len(what),) * 2, np.nan)
-    found, covariance = calibration.known(information)
+    found, covariance, followed = calibration.known(information)
+    assert (followed == 0.0).all()
     assert np.isnan(found).all()
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [HALF * one.tolerance for one in what])
 

@@ -16,6 +16,7 @@ from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.detectability import follower_on_path
 from clearance.diagnosis.sensing.measured import NO_FAULT, SAMPLES, Measured
 from clearance.diagnosis.shooting.chart import Chart
+from clearance.diagnosis.shooting.covariance import covariance
 from clearance.diagnosis.shooting.fit import fit
 from clearance.diagnosis.shooting.follow import EDGE, Follower
 from clearance.diagnosis.shooting.model import Model, Unknown
@@ -183,13 +184,18 @@ def test_a_fit_brings_disturbed_nodes_and_values_back(seed):
         values = found.values
     assert all(after.cost <= before.cost * (1.0 + 1e-9) for before, after in pairwise(steps))
     assert found.passes[0].local[INSIDE].mean() / (SAMPLES * len(SENSORS)) == pytest.approx(1.0, abs=0.1)
-    deviations = found.deviations()
+    deviations = known(found)
     assert deviations[0] < 1e-3 * CLEARANCE
     assert (np.abs(found.values[0] - TRUTH[0]) < 4.0 * deviations).all()
     # nodes lie within what the noise allows: the crank angle within a fraction of the encoder's
     assert np.abs(one.path.nodes[INSIDE, 2] - run()[1][INSIDE, 2]).max() < 4e-4
     ratio = (found.passes[0].innovation / found.passes[0].spread)[INSIDE]
     assert (ratio**2).mean() == pytest.approx(1.0, abs=0.1)
+
+
+def known(found):
+    """Standard deviations of all parameters."""
+    return np.sqrt(np.diag(covariance(found)))
 
 
 class Walled(Model):
@@ -213,12 +219,12 @@ def test_two_recordings_share_the_clearance_and_have_their_own_speeds():
     start = np.array([[CLEARANCE * 1.005, RPM], [CLEARANCE * 1.005, 760.3]])
     found = fit(both, MODEL, start, 10, 1e-4, 2)
     assert found.values[0, 0] == found.values[1, 0]
-    deviations = found.deviations()
+    deviations = known(found)
     assert deviations.shape == (3,)
     errors = [found.values[0, 0] - CLEARANCE, found.values[0, 1] - RPM, found.values[1, 1] - 760.0]
     assert (np.abs(errors) < 4.0 * deviations).all()
     alone = fit([disturbed(0.01)], MODEL, start[:1], 10, 1e-4, 1)
-    assert deviations[0] < alone.deviations()[0]
+    assert deviations[0] < known(alone)[0]
 
 
 def test_a_wrong_clearance_and_missing_friction_are_felt():
@@ -360,7 +366,7 @@ def test_what_is_hardly_seen_at_the_beginning_does_not_hold_the_parameters(seed)
     model = Setting(machine, "C").model()
     found = fit([one], model, np.array([[1.01 * clearance, RPM]]), 20, 1e-5, 1)
     information, score = assemble(found.passes, model, found.values)
-    step = np.linalg.solve(information, score) / found.deviations()
+    step = np.linalg.solve(information, score) / known(found)
     assert (np.abs(step) < 0.3).all()
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from clearance.diagnosis.shooting.covariance import deviations
 from clearance.diagnosis.shooting.fit import fit
 from clearance.diagnosis.shooting.looks import compare, observe, same_coordinates, solve
 from clearance.diagnosis.shooting.nearby import settle_nearby
@@ -56,7 +57,7 @@ def test_beside_its_own_motion_a_linearisation_is_itself(rest):
 def test_a_parameter_that_is_held_aside_costs_as_much_as_a_fit_beside_it_does(rest):
     one, found = rest
     passes = linearised(one, found.values)
-    begin = found.values + np.array([5.0 * found.deviations()[0], 0.0])
+    begin = found.values + np.array([5.0 * deviations(found)[0], 0.0])
     near, full = one.part(0, one.segments), one.part(0, one.segments)
     reached = settle_nearby([near], found, passes, begin, 0, 1)
     assert reached.values[0, 0] == begin[0, 0]
