@@ -12,6 +12,14 @@ _SATURATION = "sensor_saturation"
 _EXACT = 1e-4  # of a limit: how well one that was recorded is known
 
 
+def unasked(recordings: Sequence[Measured], groups: Iterable[Sequence[Hypothesis]]) -> dict[str, float]:
+    """Limits that channels show and no hypothesis has; arguments as of ``clipped_sensors``."""
+    limits = np.min([one.limits for one in recordings], axis=0)
+    asked = {group[0].channel for group in groups if group[0].name == _SATURATION}
+    each = zip(recordings[0].channels, limits, strict=True)
+    return {name: float(limit) for name, limit in each if np.isfinite(limit) and name not in asked}
+
+
 def clipped_sensors(
     recordings: Sequence[Measured], groups: Iterable[Sequence[Hypothesis]]
 ) -> list[Hypothesis]:

@@ -1,10 +1,11 @@
 """What a diagnosis says: the contract's JSON, from what the search found and how it stood the test."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
+from clearance.diagnosis.hypotheses.clipping import unasked
 from clearance.diagnosis.judging.detectability import seen_beside
 from clearance.diagnosis.judging.free_form import free_form_of
 from clearance.diagnosis.judging.held_out import Judged, likelier
@@ -106,6 +107,7 @@ def state(
         ],
         "warnings": [
             *_of_signals([*search.recordings, *held_out]),
+            *_of_limits(unasked(search.recordings, search.groups.values())),
             *_of_judging(explanation, judged, struck, missed),
             *([f"Not everything was tried: {stopped}."] if stopped else []),
             *(advice(search.recordings) if verdict == "unknown" and not explained(best) else []),
@@ -147,6 +149,15 @@ def _of_signals(recordings: Sequence[Measured]) -> list[str]:
             for one in each if one.noiseless
         ),
     ]  # fmt: skip
+
+
+def _of_limits(limits: Mapping[str, float]) -> list[str]:
+    """Warnings of sensors that stop at a limit without a hypothesis that says so."""
+    return [
+        f"{channel} stops at {limit:.4g} m/s², and sensor_saturation is not among the hypotheses: what is "
+        "cut off there counts as if it had been measured; add it to hypotheses, or leave the channel out."
+        for channel, limit in limits.items()
+    ]
 
 
 def _of_judging(
