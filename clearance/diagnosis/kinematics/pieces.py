@@ -1,4 +1,4 @@
-"""A path through a whole recording, put together from pieces where it does not hold in one."""
+"""A path through a whole recording, put together from pieces where it does not hold, or fit, in one."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,6 +10,7 @@ from clearance.diagnosis.kinematics.reconstruction import Reconstruction, recons
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 
 _PIECE, _OVERLAP = 60, 4  # segments: about a turn of the crank at 10 kHz; what a smoother knows from one side
+_LONGEST = 5000  # segments at once: a smoother keeps 4 kB for each of their samples
 
 
 def reconstruct_whole(
@@ -17,19 +18,30 @@ def reconstruct_whole(
 ) -> Reconstruction:
     """Reconstruct the path through all of a recording; arguments as of ``reconstruct``.
 
-    Where it leads out of the links' reach, as by a clock that is wrong, the crank's phase, which gathers what
-    does not agree, is told anew in each piece. Its misfit is not to be compared with that of one piece.
+    A long one is put together, so that memory is bounded. Where the path leads out of the links' reach, as by
+    a clock that is wrong, the crank's phase, which gathers what does not agree, is told anew in each short
+    piece. Its misfit is not to be compared with that of one piece.
 
     Raises:
         LinAlgError: the links do not reach in pieces either.
     """
     total = len(measured.values)
     try:
-        return reconstruct(measured, parameters, joints, speed, angle)
+        if total <= _LONGEST:
+            return reconstruct(measured, parameters, joints, speed, angle)
+        return _joined(measured, parameters, joints, speed, angle, -(-total // _LONGEST))
     except np.linalg.LinAlgError:
         if total < 2 * _PIECE:
             raise
-    ends = np.linspace(0, total, total // _PIECE + 1).astype(int)
+    return _joined(measured, parameters, joints, speed, angle, total // _PIECE)
+
+
+def _joined(
+    measured: Measured, parameters: np.ndarray, joints: Sequence[str], speed: float, angle: float, count: int
+) -> Reconstruction:
+    """A path of so many pieces."""
+    total = len(measured.values)
+    ends = np.linspace(0, total, count + 1).astype(int)
     found: list[Reconstruction] = []
     turning = np.zeros((4, 0))
     for first, last in pairwise(ends):

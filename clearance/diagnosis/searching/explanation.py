@@ -145,9 +145,10 @@ class Explanation:
         """Robust sum of squares at the smallest scale reached, and a price for each parameter (Schwarz 1978).
 
         Over as many samples as the nominal machine was followed on: a force over time is followed for a
-        period, another place in a short recording has less behind it.
+        period, another place in a short recording has less behind it. That accelerometers bend costs what
+        their tolerances say.
         """
-        price = self.samples * attempt.misfit
+        price = self.samples * attempt.misfit + attempt.fit.bent
         return price + attempt.model.shared * np.log(self.samples) * max(attempt.misfit, 1.0)
 
     @property

@@ -6,7 +6,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from clearance.diagnosis.sensing.encoder import ENCODER_COUNTS, encoder_counts, rounding_noise
 from clearance.simulation.layout import Signal
 
-_BLOCK = 64  # samples that show the noise
+_BLOCK, _FRAMES = 64, 50_000  # samples that show the noise; how often it is looked for between limits
 _REPEATED = 5  # times as often as values near it comes a limit
 _OUTER, _NEXT = 0.9, 4  # share of it, and levels, that are near
 _ROUNDED = 4.7  # times the noise of a count: more than its rounding alone shows in third differences
@@ -43,7 +43,7 @@ def noise_level(values: np.ndarray, signal: int, limit: float = np.inf) -> float
     """
     if signal < Signal.CRANK_ANGLE:
         window = np.hanning(_BLOCK)
-        step = _BLOCK if np.isinf(limit) else 1
+        step = _BLOCK if np.isinf(limit) else max(1, len(values) // _FRAMES)
         frames = sliding_window_view(values, _BLOCK)[::step]
         frames = frames[(np.abs(frames) < limit).all(axis=1)] * window
         if len(frames) == 0:

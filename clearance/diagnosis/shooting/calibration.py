@@ -64,6 +64,11 @@ class Calibration:
         """What the accelerometers do, of a row of values."""
         return instrument_of(self.what, row[self._shared : self._shared + len(self.what)])
 
+    def bent(self, row: np.ndarray) -> float:
+        """Sum of squares of how far the accelerometers are off, each in what it is expected to be off by."""
+        away = row[self._shared : self._shared + len(self.what)] - [one.neutral for one in self.what]
+        return float(((away / [HALF * one.tolerance for one in self.what]) ** 2).sum())
+
     def beside(self, values: np.ndarray, sensors: Instrument) -> np.ndarray:
         """(recordings, unknowns) from values without; ``without`` goes back."""
         known = np.tile(values_of(self.what, sensors), (len(values), 1))

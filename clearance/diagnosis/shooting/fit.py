@@ -29,11 +29,13 @@ class Fit(Settled):
         information: (P, P) of all parameters: shared ones, then each recording's own [1/unit^2].
         covariance: of what the accelerometers were found to do, as ``Tolerances.open`` lists it; ``None``
             where they are exact.
+        bent: sum of squares of how far they are off, in what is expected of them; no part of ``cost``.
     """
 
     passes: Sequence[Pass]
     information: np.ndarray
     covariance: np.ndarray | None = None
+    bent: float = 0.0
 
 
 def fit(
@@ -86,6 +88,7 @@ def _calibrated(
     finally:
         for follower, measured in zip(followers, kept, strict=True):
             follower.measured = measured
+    bent = calibration.bent(found.values[0])
     sensors, values = calibration.sensors(found.values[0]), calibration.without(found.values)
     for follower, measured in zip(followers, kept, strict=True):
         follower.measured = measured.calibrated(sensors)
@@ -93,7 +96,7 @@ def _calibrated(
     for one, parts in zip(passes, scores, strict=True):
         one.parts = parts
     cost = sum(one.cost for one in passes)
-    return Fit(calibration.plain, values, cost, passes, information, covariance)
+    return Fit(calibration.plain, values, cost, passes, information, covariance, bent)
 
 
 def _look(

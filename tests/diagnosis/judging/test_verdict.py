@@ -61,7 +61,7 @@ def attempt(names, misfit, kind="physics", off=0.0, each=(), typical=()):
         hypotheses=hypotheses, label=" + ".join(names) or "nominal", labels=frozenset(names),
         misfit=misfit, level=misfit, scale=scale,
         withdrawn=False, reach=None, followers=followers, misfits=each, shares=(),
-        fit=SimpleNamespace(passes=passes, cost=10_000 * misfit),
+        fit=SimpleNamespace(passes=passes, cost=10_000 * misfit, bent=0.0),
         model=SimpleNamespace(shared=1 + len(names)),
     )  # fmt: skip
 
@@ -123,6 +123,14 @@ def test_an_effect_that_was_fitted_twice_is_as_sure_as_once():
     assert chance[id(twice[0])] + chance[id(rival)] == pytest.approx(1.0)
     # 10 000 samples differ by 1, of which a tenth counts
     assert chance[id(twice[0])] / chance[id(rival)] == pytest.approx(np.exp(0.05), rel=1e-2)
+
+
+def test_an_explanation_for_which_sensors_bend_costs_what_their_tolerances_say():
+    plain, bending = attempt(["gravity"], 1.0), attempt(["guide_friction"], 0.995)  # 50 less by what is left
+    explanation = Explanation(attempt([], 50.0), [plain, bending])
+    assert explanation.best is bending
+    bending.fit.bent = 60.0
+    assert explanation.best is plain
 
 
 def test_what_cannot_be_told_from_another_is_not_certain():

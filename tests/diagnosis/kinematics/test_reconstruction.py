@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from clearance.diagnosis.kinematics import pieces
 from clearance.diagnosis.kinematics.agreement import Alignment, agreement, profile
 from clearance.diagnosis.kinematics.lift import Lift
 from clearance.diagnosis.kinematics.pieces import reconstruct_whole
@@ -280,6 +281,26 @@ def test_a_machine_that_reaches_at_no_clearance_is_refused():
     measured, states = recorded(machine("C", 3e-4))
     with pytest.raises(np.linalg.LinAlgError, match="no clearance"):
         profile([measured], [aligned(states)], lambda c: replace(machine("C", c), guide_offset=0.0699), 1)
+
+
+def test_a_long_recording_is_put_together_from_pieces(monkeypatch):
+    measured, states = recorded(machine("C", 3e-4))
+    known, made = aligned(states), machine("C", 3e-4).parameters()
+    whole = reconstruct_whole(measured, made, ("C",), known.speed, known.angle)
+    most, longest = -(-len(measured.values) // 3), []
+    monkeypatch.setattr(pieces, "_LONGEST", most)
+    reconstruct = pieces.reconstruct
+    monkeypatch.setattr(
+        pieces, "reconstruct", lambda one, *rest: longest.append(len(one.values)) or reconstruct(one, *rest)
+    )
+    found = reconstruct_whole(measured, made, ("C",), known.speed, known.angle)
+    assert len(longest) == 3
+    assert max(longest) <= most + 8
+    assert found.nodes.shape == whole.nodes.shape
+    apart = found.nodes[:, State.CRANK_ANGLE] - whole.nodes[:, State.CRANK_ANGLE]
+    assert np.abs(apart).max() < 5e-3
+    assert found.speed == pytest.approx(whole.speed, rel=5e-3)
+    assert found.force == pytest.approx(whole.force, rel=0.1)
 
 
 def test_a_path_that_leads_out_of_reach_is_put_together_from_pieces():

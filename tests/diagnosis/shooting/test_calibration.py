@@ -67,6 +67,8 @@ def test_sensors_within_their_tolerances_do_not_hide_the_clearance(seed):
     assert deviation > 1.05 * deviations(exact)[0]  # who must find the sensors too knows less
     information = np.sqrt(np.diag(np.linalg.inv(found.information)))[0]
     assert deviation < 1.5 * information  # how segments scatter says no other: the noise is white
+    off = np.array(values_of(what, one.measured.sensors)) - [each.neutral for each in what]
+    assert found.bent == pytest.approx(((off / size) ** 2).sum(), rel=1e-9)
     error = (np.array(values_of(what, one.measured.sensors)) - true) / size
     doubts = np.sqrt(np.diag(found.covariance))
     assert np.abs(error / np.maximum(doubts / size, 1e-2)).max() < 5.0
