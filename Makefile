@@ -6,7 +6,7 @@ RUN := $(BIN)/python -m
 budget ?= 2h
 scale ?= reduced
 
-.PHONY: help train test test-all test-slurm lint type arch simulate diagnose trial study detectability bench results tensorboard wheel clean
+.PHONY: help train test test-all test-extras test-slurm lint type arch simulate diagnose trial study detectability bench results tensorboard wheel clean
 
 help:            ## list the targets
 	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 16
@@ -37,6 +37,10 @@ test: $(READY) lint type arch  ## everything that must pass before a change land
 
 test-all: $(READY) lint type arch  ## the long checks too
 	OMP_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile -m 'not slurm'
+
+test-extras: $(READY)  ## the checks beside Exudyn, pysindy and sbi, which it installs
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,baselines,exudyn]'
+	OMP_NUM_THREADS=1 $(RUN) pytest tests/test_bench.py tests/trial/test_baselines.py tests/trial/test_exudyn_plant.py
 
 test-slurm: $(READY)  ## run a simulation and a sweep through a Slurm of one node (apt-get install slurm-wlm munge)
 	OMP_NUM_THREADS=1 $(RUN) pytest -m slurm tests/slurm

@@ -56,6 +56,8 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
         begin_inside(search, explanation, base, anew=True)
     if incomplete(explanation.best) and len(explanation.best.hypotheses) < search.most and not search.late():
         begin_elsewhere(search, explanation, explanation.best)
+    if incomplete(explanation.best) and not search.late():  # it may be none of these
+        begin_elsewhere(search, explanation, explanation.nominal)
     retry_nominal(search, explanation)
     if unsettled(explanation) and not search.late():
         begin_sure(search, explanation)

@@ -71,3 +71,19 @@ def test_a_name_that_explains_alone_once_another_is_pruned_stands_against_a_tabl
     search = SimpleNamespace(late=lambda: False, most=2)
     find_explanation(search, Explanation(attempt([], 40.0), [pair]), lambda _: None)
     assert contested == ([pair, one] if alone else [pair])
+
+
+@pytest.mark.parametrize(("left", "asked"), [(1.29, True), (1.05, False)])
+def test_names_that_leave_more_than_right_ones_may_be_none_of_what_is_missing(monkeypatch, left, asked):
+    """Lobes and another stiffness left 1.29 of what a rod that bends explained."""
+    strategy, bases = "clearance.diagnosis.searching.strategy.", []
+    for name in (
+        "begin_shaking", "search_all", "enlarge", "sharpen", "scrutinise", "retry_nominal", "confirm",
+        "contest", "prune", "begin_inside", "place_edges",
+    ):  # fmt: skip
+        monkeypatch.setattr(strategy + name, lambda *_, **__: None)
+    monkeypatch.setattr(strategy + "begin_elsewhere", lambda _, __, base: bases.append(base))
+    nominal, pair = attempt([], 1.55), attempt(["worn_bearing", "contact_stiffness"], left)
+    search = SimpleNamespace(late=lambda: False, most=2)
+    find_explanation(search, Explanation(nominal, [pair]), lambda _: None)
+    assert bases == ([nominal] if asked else [])
