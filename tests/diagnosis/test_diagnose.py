@@ -153,6 +153,26 @@ def test_what_was_found_so_far_is_judged(stopped, monkeypatch):
     assert stopped in warning
 
 
+@pytest.mark.slow
+def test_nothing_missing_is_not_said_without_a_look_though_it_was_interrupted(monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    setting = Setting(SliderCrank(), "C")
+    machine = replace(setting.with_clearance(2e-4), drive=SpeedControl(SPEED, ramp=0.1))
+    recording = record(machine, 4)
+    whole = Measured.of(recording, chain_of(recording, "one"), "one")
+    cut = 2 * len(whole.values) // 3
+    parts = [whole.part(0, cut)], [whole.part(cut, len(whole.values))]
+    monkeypatch.setattr("clearance.diagnosis.judging.outcome.find_explanation", interrupt)
+    found = diagnose(
+        *parts, [setting], load_effects("physics"), (150 * RPM, 3000 * RPM), 1, 1, lambda _: None
+    ).diagnosis
+    assert found["verdict"] == "none"
+    assert 0.0 <= found["mismatch"]["score"] < 60.0
+    assert found["mismatch"]["p_value"] > 0.05
+
+
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
     """Recordings: a right one, too short ones, one at another rate, with fewer channels, of motion alone."""
