@@ -68,7 +68,7 @@ def test_what_is_lost_at_once_takes_one_recording_and_what_is_the_same_countless
 def test_what_is_foreseen_is_what_a_noisy_recording_shows_on_average(rod):
     deaf = [c for c in ACCELERATIONS if c not in ROD]
     run = _recorded(MORE, RPM, rod, deaf)
-    foreseen, seen, generator = _left(NOMINAL, RPM, run), [], np.random.default_rng(1)
+    (foreseen, samples), seen, generator = _left(NOMINAL, RPM, run), [], np.random.default_rng(1)
     for _ in range(4):
         noise = run.measured.sigma * generator.normal(size=run.measured.values.shape)
         values = run.measured.values + np.where(run.measured.sigma < 1e3, noise, 0.0)
@@ -78,7 +78,8 @@ def test_what_is_foreseen_is_what_a_noisy_recording_shows_on_average(rod):
             recorded = values.reshape(-1, values.shape[2])
             follower.measured = replace(follower.measured, values=values, recorded=recorded)
             found = settle([follower], one.model, one.fit.values, 6, 1e-4, 1)
-            prices.append(found.level * sum(one.samples for one in found.passes))
+            assert samples == sum(one.samples for one in found.passes)
+            prices.append(found.level * samples)
         seen.append(prices[1] - prices[0])
     # without noise the tenth of the segments that is not counted holds more of the difference than with it
     assert 0.7 < foreseen / np.mean(seen) < 1.1

@@ -194,6 +194,7 @@ def test_bounds_of_a_dimension_count_from_the_machines_own():
     assert offset.around(SliderCrank()).free[0].bounds == offset.free[0].bounds
 
 
+@pytest.mark.slow
 def test_a_rig_of_which_hardly_anything_is_known_is_explained():
     """Motor, gravity, friction, a guide elsewhere, an encoder off zero, a sensor late and upside down."""
     (friction,) = load_effects("guide_friction")

@@ -63,6 +63,7 @@ def test_a_force_without_a_name_is_a_table_over_the_right_argument(force, body):
     assert not left.beside
 
 
+@pytest.mark.slow
 def test_beside_names_that_explain_their_numbers_stay():
     recording = planted(
         4.0, 200.0, effects={"soft_drive": MOTOR, "gravity": {"gravity_x": -5.0}}, extra=PULSE
