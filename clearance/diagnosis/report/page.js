@@ -160,12 +160,13 @@ function parameters(parent, values, path, source, style = "after") {
 
 function else_() {
   const groups = list(DIAGNOSIS.equivalent).map(list).filter((group) => group.length), next = DIAGNOSIS.next_experiment;
-  if (!groups.length && !next && !list(DIAGNOSIS.effects).length) return;
+  const followed = list(DIAGNOSIS.effects).some((effect) => ["prediction", "fitted recordings and motion", undefined].includes(effect.basis));
+  if (!groups.length && !next && !followed) return;
   const block = section("else", "What else it could be");
   if (groups.length) {
     block.append(h("p", { class: "lead" }, "These explain the recordings equally well; these sensors cannot tell them apart:"));
     block.append(h("div", { class: "alternatives" }, join(groups.map((group) => h("span", { class: "alternative" }, group.map(words).join(" + "))), " or ").map((part) => (typeof part === "string" ? h("span", { class: "or" }, "or") : part))));
-  } else if (list(DIAGNOSIS.effects).some((effect) => ["prediction", "fitted recordings and motion", undefined].includes(effect.basis))) block.append(h("p", { class: "lead" }, "Nothing else that was tried explains these recordings as well."));
+  } else if (followed) block.append(h("p", { class: "lead" }, "Nothing else that was tried explains these recordings as well."));
   if (next) block.append(h("div", { class: "next" }, h("h3", {}, groups.length ? "The recording that would tell" : "The next recording worth making"), h("p", {}, String(next)), experiments()));
 }
 

@@ -29,7 +29,8 @@ _UNUSUAL = 0.05  # p-value above which nothing is asserted
 _FLOOR = 1.05  # misfit that a right model may leave
 _RIGHT = 1.15  # misfit above which one that explains lacks something: right ones left 1.12 at most
 _SMALL = 0.5  # of the nominal machine's misfit above 1: what is small and right leaves less
-_ALIKE = 12.0  # difference of prices below which two explanations are equivalent
+_ALIKE = 12.0  # difference of prices below which two explanations are equivalent, as far as it counts
+_INDEPENDENT = 100.0  # samples of which a difference counts in full
 
 
 @cache
@@ -60,13 +61,13 @@ def margin(explanation: Explanation) -> float:
 
 def overstated(explanation: Explanation) -> float:
     """By how much differences of prices say too much: neighbouring errors hang together."""
-    return float(explanation.samples**0.5 / 10.0)
+    return float((explanation.samples / _INDEPENDENT) ** 0.5)
 
 
 def separating(explanation: Explanation, fall: float, samples: float) -> float:
     """How many further recordings make the ``margin``, which grows with the root of all samples.
 
-    It is N in N fall = 1.2 sqrt(S + N samples).
+    It is N in N fall = 12 sqrt((S + N samples) / 100).
 
     Args:
         explanation: of S samples.
@@ -74,7 +75,7 @@ def separating(explanation: Explanation, fall: float, samples: float) -> float:
         samples: of each.
     """
     with np.errstate(divide="ignore", over="ignore"):
-        share = np.float64(_ALIKE / 10.0 / fall) ** 2
+        share = np.float64(_ALIKE / fall) ** 2 / _INDEPENDENT
     half = 0.5 * share * samples
     return float(half + np.sqrt(half**2 + share * explanation.samples))
 

@@ -27,12 +27,13 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
     A frame that its sensors feel shaking comes first, then the steps of a ``Course``. Where something is
     left, a load's edges are looked for along the stroke, and a table is put to the test against names. Named
     effects that explain are followed anew. What explains is looked beside for what is small; where effects
-    leave more than right ones do, for what acts inside the joint, and for what a linear look cannot judge.
+    leave more than right ones do, for what acts inside the joint, and for what a linear look cannot judge,
+    which is then asked beside the nominal machine, too.
     Where nothing takes away what is too much for a machine with nothing missing, effects that a linear look
     is sure of, then small forces of free form, then effects that it cannot judge, are tried on paths of their
     own. What was put together is followed anew. A named force must stand against one of free form in its
-    place. What is not needed is pruned. A nominal machine that explains is fitted on the path of what
-    explains more.
+    place, and again where it is left alone by pruning what is not needed. A nominal machine that explains is
+    fitted on the path of what explains more, and at last one that was lost.
 
     Args:
         search: after its nominal stage.

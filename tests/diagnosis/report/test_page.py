@@ -169,11 +169,12 @@ def test_nothing_found_and_not_confirmed_is_not_called_missing(show):
 )
 def test_what_the_motion_alone_shows_is_not_said_to_explain(show, basis, told):
     diagnosis, evidence = EXAMPLES["physics"]()
-    diagnosis["equivalent"] = []
+    diagnosis["equivalent"], diagnosis["next_experiment"] = [], None
     for effect in diagnosis["effects"]:
         effect["basis"] = basis
     text = show(diagnosis, evidence).run("document.body.innerText")
     assert ("Nothing else that was tried explains these recordings as well" in text) == told
+    assert ("What else it could be" in text) == told  # no heading without a word
 
 
 @pytest.mark.parametrize("name", ["physics", "unknown"])
