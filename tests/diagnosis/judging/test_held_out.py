@@ -13,7 +13,7 @@ from clearance.diagnosis.searching.explanation import Explanation
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from clearance.diagnosis.hypotheses.free_form import FREE_FORM
 from clearance.diagnosis.judging.evidence import _ranking
 from clearance.diagnosis.judging.verdict import Estimate
 from clearance.diagnosis.searching.explanation import Explanation
-from tests.diagnosis.judging.test_verdict import attempt, known
+from tests.diagnosis.attempts import attempt, known
 
 
 def labelled(name, misfit):

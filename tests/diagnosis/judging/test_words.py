@@ -11,7 +11,7 @@ from clearance.diagnosis.judging import words
 from clearance.diagnosis.judging.verdict import Estimate
 from clearance.diagnosis.judging.words import sentences
 from clearance.diagnosis.searching.explanation import Explanation, Suspected, Worked
-from tests.diagnosis.judging.test_verdict import attempt, known
+from tests.diagnosis.attempts import attempt, known
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from clearance.diagnosis.searching import clocked
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.layout import STATES, State
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 from tests.diagnosis.searching.test_tables import sampled, tabulated, with_force
 
 VALUES = np.array([20.0, -8.0, 0.1, 0.45, 0.02])

@@ -10,7 +10,7 @@ from clearance.diagnosis.hypotheses.free_form import FREE_FORM
 from clearance.diagnosis.searching.confirm import confirm
 from clearance.diagnosis.searching.elsewhere import begin_again
 from clearance.diagnosis.searching.explanation import Explanation
-from tests.diagnosis.judging.test_verdict import attempt as found
+from tests.diagnosis.attempts import attempt as found
 
 
 def attempt(names, misfit, structural=False):

@@ -10,7 +10,7 @@ from clearance.diagnosis.searching import edges
 from clearance.diagnosis.searching.edges import place_edges
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.load import ConstantProcess
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 from tests.diagnosis.searching.test_search import search
 
 TRUTH = ConstantProcess(4.0, 0.086, 0.146)

@@ -21,7 +21,7 @@ from clearance.diagnosis.searching.elsewhere import (
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 GROUPS = sorted(
     gather(

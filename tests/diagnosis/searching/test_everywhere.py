@@ -8,7 +8,7 @@ import pytest
 from clearance.diagnosis.searching import everywhere
 from clearance.diagnosis.searching.everywhere import between, fit_everywhere
 from clearance.errors import InputError
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 
 def search_with(grown, recordings=1):

@@ -14,7 +14,7 @@ from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.from_motion import begin_dimensions, begin_displaced, begin_wear
 from clearance.diagnosis.searching.geometry import Dimension
 from clearance.diagnosis.searching.wear import Wear
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 from tests.diagnosis.searching.test_from_work import pair
 
 

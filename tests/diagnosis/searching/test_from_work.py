@@ -13,7 +13,7 @@ from clearance.diagnosis.searching.balance import Suggested
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.from_work import begin_balanced, begin_beside, begin_pairs
 from clearance.diagnosis.searching.work import Balanced
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 
 def pair(*names):

@@ -8,7 +8,7 @@ import pytest
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.scrutiny import hear
 from clearance.diagnosis.sensing.instrument import Instrument
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 CHANNEL, OTHER = "rod_c_axial", "rod_c_transverse"
 RATE = 1e4

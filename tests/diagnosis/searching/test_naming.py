@@ -15,7 +15,7 @@ from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.searching.widen import Prospects
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 NAMES = "clearance.diagnosis.searching.free_search.suggest_names"
 

@@ -6,7 +6,7 @@ from clearance.diagnosis.hypotheses.free_form import FREE_FORM
 from clearance.diagnosis.searching.beside import SHARED
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.parts import PART, enough, in_part, named, set_aside, unfinished
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from clearance.diagnosis.searching import patient
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.patient import begin_patiently
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 NOMINAL = 300.0
 

@@ -10,9 +10,9 @@ from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.searching import scrutiny
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint
-from clearance.diagnosis.searching.scrutiny import _compare_orders, look_beside_nominal
+from clearance.diagnosis.searching.scrutiny import _compare_kinds, _compare_orders, look_beside_nominal
 from clearance.mechanism.slider_crank import SliderCrank
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 
 def test_lobes_of_other_orders_that_promise_nearly_as_much_are_compared(monkeypatch):
@@ -56,3 +56,17 @@ def test_the_look_beside_the_nominal_machine_is_taken_once(monkeypatch):
     other = Explanation(nominal)
     look_beside_nominal(search, other, SimpleNamespace(singles=["another"]))
     assert (looked, other.hints) == ([nominal], ["another"])
+
+
+def test_kinds_of_a_sensors_fault_are_compared_up_to_the_one_that_was_found(monkeypatch):
+    refitted = []
+    nominal, delay = attempt([], 1.1), attempt(["sensor_delay"], 1.0)
+    kinds = [SimpleNamespace(name=f"sensor_{kind}") for kind in ("resonance", "delay", "gain")]
+    monkeypatch.setattr(scrutiny, "kinds", lambda *_: [(kind, np.ones(1), 1.0) for kind in kinds])
+    monkeypatch.setattr(scrutiny, "beside", lambda base, held, values: (held, values))
+    nominal.followers, nominal.scale = [], 1.0
+    search = SimpleNamespace(late=lambda: False, refit=lambda _, held, *more: refitted.append(held[0].name))
+    for channel, expected in ((None, []), ("rod_c_axial", ["sensor_resonance"])):
+        delay.hypotheses[0].channel = channel
+        _compare_kinds(search, Explanation(nominal, [delay]), nominal)
+        assert refitted == expected

@@ -9,7 +9,7 @@ import pytest
 from clearance.diagnosis.kinematics.shaking import KNOTS
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.shaken import begin_frame, begin_shaking
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 
 @pytest.mark.parametrize("at_a", [True, False])

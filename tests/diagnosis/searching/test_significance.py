@@ -20,7 +20,7 @@ from clearance.diagnosis.searching.significance import (
     unsettled,
     usual,
 )
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 
 def test_the_share_of_nulls_that_score_as_high(monkeypatch):
@@ -96,3 +96,20 @@ def test_what_is_followed_for_longer_is_not_dearer():
     explanation = Explanation(attempt([], 30.0), [wrong, timed])
     assert explanation.best is timed
     assert explanation.price(timed) < 12_000
+
+
+@pytest.mark.parametrize(
+    ("nominal", "gain", "small", "expected"),
+    [
+        (1.02, 10.0, [], False),  # nothing is missing
+        (1.02, 200.0, [], True),
+        (1.19, 200.0, [1.18], True),  # a second clearance was taken for a heavier rod
+        (1.19, 200.0, [1.01], False),
+        (1.06, 200.0, [1.04], False),  # what a right model may leave
+        (50.0, 200.0, [], False),
+    ],
+)
+def test_something_small_that_leaves_most_does_not_end_the_search(nominal, gain, small, expected):
+    attempts = [attempt(["rod_inertia"], misfit) for misfit in small]
+    explanation = Explanation(attempt([], nominal), attempts, [SimpleNamespace(gain=gain)])
+    assert unsettled(explanation) == expected

@@ -12,7 +12,7 @@ from clearance.diagnosis.searching import simplify
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.significance import beats
 from clearance.diagnosis.searching.simplify import prune, retry_nominal
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 
 def fitted(names, misfit, structural=False, first=0):

@@ -7,7 +7,7 @@ import pytest
 from clearance.diagnosis.hypotheses.free_form import FREE_FORM
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.strategy import find_explanation
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 
 @pytest.mark.parametrize(

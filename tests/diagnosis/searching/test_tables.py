@@ -23,7 +23,7 @@ from clearance.diagnosis.searching.explanation import Explanation
 from clearance.mechanism.applied_force import TabulatedForce
 from clearance.mechanism.parameters import TABLE_KNOTS
 from clearance.mechanism.slider_crank import SliderCrank
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 
 def test_a_table_over_a_contacts_force_is_a_line_that_goes_on():

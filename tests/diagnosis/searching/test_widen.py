@@ -12,7 +12,7 @@ from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.searching.widen import deafen, glaring, kinds, look
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.mechanism.slider_crank import SliderCrank
-from tests.diagnosis.judging.test_verdict import attempt
+from tests.diagnosis.attempts import attempt
 
 
 @pytest.mark.parametrize(
