@@ -38,7 +38,7 @@ class Scope:
         sensors: set to its share, of any sum.
         encoder: share of the cases with an encoder.
         known_frame: share of the cases that stand on a frame that is known to move, whatever is missing.
-        items: of each kind, those that may be missing; all if none is named.
+        items: of each kind, those that may be missing; all if none, or for several too few, are named.
         sizes: 0, 1 or 2, of which each is drawn.
         tolerances: ``gain`` [-], ``misalignment`` [deg], ``delay`` [s] and ``bias`` [m/s²] within which every
             accelerometer is off, of which the tool is told the limits; empty: all are exact.
@@ -149,7 +149,12 @@ class Drawing:
         kind, item, size = self._wanted[index]
         circumstances = _circumstances(self.scope, np.random.default_rng([self.seed, 1, index, attempt]))
         missing = _missing(
-            kind, item, size, circumstances, np.random.default_rng([self.seed, 2, index, attempt])
+            kind,
+            item,
+            size,
+            circumstances,
+            self.scope.items,
+            np.random.default_rng([self.seed, 2, index, attempt]),
         )
         limits = dict(self.scope.tolerances)
         off = _off(limits, circumstances["sensors"], np.random.default_rng([self.seed, 3, index, attempt]))
@@ -228,7 +233,7 @@ def _one_of(shares: Mapping[Any, float], rng: Generator) -> Any:
 
 
 def _missing(
-    kind: str, item: str, size: int, circumstances: Mapping[str, Any], rng: Generator
+    kind: str, item: str, size: int, circumstances: Mapping[str, Any], items: Sequence[str], rng: Generator
 ) -> dict[str, Any]:
     """What is missing, and which hypotheses are taken away."""
     effects: dict[str, dict[str, float]] = {}
@@ -237,10 +242,12 @@ def _missing(
     clearance = circumstances["clearance"]
     possible = [name for name in EFFECTS if not (name == "flexible_base" and circumstances["known_frame"])]
     if kind in SEVERAL:
+        wanted = [name for name in possible if name in items]
+        possible = wanted if len(wanted) >= SEVERAL[kind] else possible
         *first, last = (possible[i] for i in rng.permutation(len(possible))[: SEVERAL[kind]])
         effects.update({name: _effect(name, size, clearance, rng) for name in first})
         if rng.random() < 0.25:
-            name = str(rng.choice(list(FAULTS)))
+            name = str(rng.choice([name for name in FAULTS if name in items] or list(FAULTS)))
             faults[name] = _fault(name, size, circumstances, rng)
         else:
             effects[last] = _effect(last, size, clearance, rng)

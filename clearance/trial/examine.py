@@ -112,7 +112,8 @@ class Examiner:
     ) -> None:  # fmt: skip
         place = folder / self.verdicts / name
         place.mkdir(parents=True, exist_ok=True)
-        for outdated in (VERDICT, _DIAGNOSIS, CORRECTED):
+        tries = _tries(place / VERDICT)
+        for outdated in (_DIAGNOSIS, CORRECTED):
             (place / outdated).unlink(missing_ok=True)
         began = time.monotonic()
         with (place / _LOG).open("wb") as log:
@@ -141,6 +142,7 @@ class Examiner:
             place / VERDICT,
             {
                 "seconds": seconds,
+                "tries": tries + 1,
                 "failure": failure,
                 "diagnosis": diagnosis,
                 "corrected": corrected,
@@ -153,6 +155,11 @@ class Examiner:
 def hashes_of(folder: Path, verdicts: str) -> Path:
     """Where the hash of all verdicts of one program lies from the reveal on."""
     return folder / f"{verdicts}.json"
+
+
+def _tries(verdict: Path) -> int:
+    """How often a case was asked before; once where a file of an older version does not say."""
+    return int(read_json(verdict, "folder").get("tries", 1)) if verdict.exists() else 0
 
 
 def _answer(code: int, place: Path) -> tuple[str | None, dict[str, Any] | None]:

@@ -24,6 +24,7 @@ class Revealed:
         seconds: that it took.
         failure: why there is no diagnosis, or ``None``.
         corrected: the machine that the tool handed on, as a configuration, or ``None``.
+        tries: how often it was asked: again where it failed and that was wished for.
         asked: the program, its limit of time [s] and the commit of its sources, or ``None``.
     """
 
@@ -34,6 +35,7 @@ class Revealed:
     failure: str | None
     corrected: str | None = None
     asked: dict[str, Any] | None = None
+    tries: int = 1
 
 
 def commit_verdicts(folder: Path, verdicts: str = VERDICTS) -> str:

@@ -23,7 +23,7 @@ def score_case(one: Revealed) -> dict[str, Any]:
         "clearance_m": case.clearance, "sensors": case.sensors, "encoder": case.encoder, "noise": case.noise,
         "missing": list(case.missing), "visibility": one.secrets["visibility"],
         "visible": all(v >= 1.0 for v in one.secrets["visibility"].values()),
-        "seconds": one.seconds, "failure": one.failure,
+        "seconds": one.seconds, "failure": one.failure, "tries": one.tries,
         "memory_mib": (said or {}).get("peak_memory_mib"),
     }  # fmt: skip
     asked = case.kind in UNNAMED and one.secrets["curve"] is not None

@@ -59,6 +59,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "cases": len(rows),
         "kinds": dict(Counter(row["kind"] for row in rows)),
         "without_verdict": sum(row["verdict"] is None for row in rows),
+        "asked_again": sum(row.get("tries", 1) > 1 for row in rows),
         "below_threshold": sum(row["kind"] != "none" and not row["visible"] for row in rows),
         "false_alarms": rate([row["verdict"] != "none" for row in null]),
         "false_alarms_at_1_percent": rate([row["verdict"] != "none" for row in null if row["noise"] <= 0.01]),
@@ -223,8 +224,9 @@ def history(summaries: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def failures(summary: Mapping[str, Any]) -> str:
-    """One line a failure."""
-    lines = []
+    """One line a failure, and how many were asked again after one."""
+    again = summary.get("asked_again", 0)
+    lines = [f"{again} asked again after a failure"] if again else []
     for one in summary["failures"]:
         strength = ", ".join(f"{name} {v:.1f}" for name, v in one["visibility"].items()) or "nothing missing"
         lines.append(

@@ -131,6 +131,15 @@ def test_circumstances_do_not_depend_on_what_is_missing():
         assert (one.sensors, one.noise, one.noise_seed) == (other.sensors, other.noise, other.noise_seed)
 
 
+def test_pairs_and_triples_are_of_what_is_listed_where_that_is_enough():
+    listed = ("gravity", "guide_friction", "rod_inertia", "sensor_gain")
+    drawing = Drawing(Scope(cases=24, shares={"pair": 1.0, "triple": 1.0}, items=listed), 2)
+    missing = [drawing.case(i).missing for i in range(24)]
+    assert {name for names in missing for name in names} == set(listed)
+    drawing = Drawing(Scope(cases=12, shares={"triple": 1.0}, items=("gravity", "rod_inertia")), 2)
+    assert len({name for i in range(12) for name in drawing.case(i).missing}) > 6
+
+
 def test_every_thing_that_may_be_missing_has_a_place():
     assert set(PLACES) == {*EFFECTS, *FAULTS}
 

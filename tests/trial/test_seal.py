@@ -32,6 +32,7 @@ from clearance.trial.reveal import commit_verdicts, reveal
 from clearance.trial.score import score_case
 from clearance.trial.seal import TRUTH, close, digest, unlock
 from clearance.trial.simulate import simulate
+from clearance.trial.summary import failures, summarise
 from clearance.whole_files import read_json, write_json
 from tests.command_line import call, command, environment
 from tests.trial.conftest import SCOPE, TOOL
@@ -271,14 +272,19 @@ def test_the_tool_understands_what_it_is_told(trial, known_frame):
 def test_failures_are_recorded_and_tried_again_on_request(trial):
     trial.answer({"case_0001": "fail"})
     trial.examine()
-    failure = read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)["failure"]
-    assert failure == "exit code 1: error: the recordings show another machine"
+    failed = read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)
+    assert failed["failure"] == "exit code 1: error: the recordings show another machine"
+    assert failed["tries"] == 1
     trial.answer({})
     trial.examine()
     assert trial.asked().count("case_0001") == 1
     trial.examine(retry=True)
     assert sorted(trial.asked()) == sorted([*(f"case_000{i}" for i in range(1, 5)), "case_0001"])
-    assert read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)["failure"] is None
+    answered = read_json(trial.folder / VERDICTS / "case_0001" / VERDICT)
+    assert (answered["failure"], answered["tries"]) == (None, 2)
+    summary = summarise([score_case(one) for one in reveal(trial.folder, trial.sealed)[1]])
+    assert summary["asked_again"] == 1
+    assert "1 asked again after a failure" in failures(summary)
 
 
 def test_what_failed_is_not_tried_again_after_the_reveal(trial):
