@@ -76,6 +76,7 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
             "m/s2": 1.0,
             "m/s²": 1.0,
             "m/s**2": 1.0,
+            "cm/s^2": 1e-2,
             "mm/s^2": 1e-3,
             "mm/s2": 1e-3,
             "mm/s²": 1e-3,
@@ -100,8 +101,8 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
             "rev/s": _TURN,
         },
         "N m": {"N m": 1.0, "N*m": 1.0, "N·m": 1.0, "Nm": 1.0, "mN m": 1e-3, "mNm": 1e-3},
-        "m": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6},
-        "m/s": {"m/s": 1.0, "mm/s": 1e-3},
+        "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6},
+        "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
         "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0},
     }
 )

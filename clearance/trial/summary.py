@@ -239,7 +239,7 @@ def failures(summary: Mapping[str, Any]) -> str:
 def _rate_cells(one: Mapping[str, Any]) -> tuple[str, str]:
     if one["of"] == 0:
         return "none", ""
-    return f"{one['count']} of {one['of']} ({one['rate']:.0%})", f"{one['low']:.1%} to {one['high']:.1%}"
+    return f"{one['count']} of {one['of']} ({one['rate']:.1%})", f"{one['low']:.1%} to {one['high']:.1%}"
 
 
 def _error_cells(one: Mapping[str, Any]) -> tuple[str, str]:
@@ -272,7 +272,7 @@ _ROWS: tuple[tuple[str, str, str, _Show], ...] = (
     ("the same, those below the threshold included", "pairs_named_of_all", "", _rate_cells),
     ("triples: all three named, or in the equivalent set", "triples_named_or_equivalent", "", _rate_cells),
     ("the same, those below the threshold included", "triples_named_of_all", "", _rate_cells),
-    ("of what pairs and triples lack, named", "several_named", "", _rate_cells),
+    ("single effects named, within pairs and triples", "several_named", "", _rate_cells),
     ("of faults that were named: in the right channel", "fault_channel", "", _rate_cells),
     ("body right", "body", "95 %", _rate_cells),
     ("body and direction right", "direction", "95 %", _rate_cells),
@@ -296,7 +296,7 @@ _ROWS: tuple[tuple[str, str, str, _Show], ...] = (
     ("held-out error over its floor, before", "held_out_before", "", _number_cells),
     ("held-out error over its floor, after", "held_out_after", "at most 1.1", _number_cells),
     ("held-out error within 1.1 of its floor", "held_out_at_floor", "", _rate_cells),
-    ("claims of the floor borne out on unseen motion", "claims_borne_out", "", _rate_cells),
+    ("within 1.1 by its own account, confirmed on unseen motion", "claims_borne_out", "", _rate_cells),
     ("seconds a case", "seconds", "at most 300", _number_cells),
     ("largest memory of a case [MiB]", "memory_mib", "at most 2048", _number_cells),
 )

@@ -133,4 +133,4 @@ def test_several_programs_are_compared_on_the_same_cases(trial):
     }
     text = comparison(summaries)
     assert text.startswith("| | ours | theirs |\n|---|---|---|\n")
-    assert "| false alarms where nothing is missing | 0 of 1 (0%) | 0 of 1 (0%) |" in text
+    assert "| false alarms where nothing is missing | 0 of 1 (0.0%) | 0 of 1 (0.0%) |" in text

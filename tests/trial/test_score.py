@@ -355,7 +355,7 @@ def test_estimates_that_are_far_off_can_be_drawn(secrets, tmp_path):
 def test_a_result_is_plain_data_with_tables_and_pictures(trial, tmp_path):
     summary, rows = score_of(trial, right_answers(trial))
     assert json.loads(json.dumps({"summary": summary, "rows": rows}, allow_nan=False))["summary"] == summary
-    assert "| false alarms where nothing is missing | 0 of 1 (0%)" in table(summary)
+    assert "| false alarms where nothing is missing | 0 of 1 (0.0%)" in table(summary)
     for figure in (
         pictures.power(rows, summary["power"]),
         pictures.confusion(summary["confusion"]),
