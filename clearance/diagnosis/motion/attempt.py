@@ -1,5 +1,6 @@
 """Terms that were fitted, what they came to, and all that was tried."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import log
 
@@ -109,6 +110,7 @@ class Findings:
         attempts: the others.
         screened: label to linearised gain of terms that were only screened.
         zero: whether the encoder's zero is surely off.
+        zeros: name of the recording to that zero [rad] and its standard deviation.
         instead: attempts with another fault in its place.
         enough: whether the best attempt leaves only noise.
         left: a force of free form, if held-out recordings are explained better with it.
@@ -119,17 +121,30 @@ class Findings:
     attempts: list[Attempt] = field(default_factory=list)
     screened: dict[str, float] = field(default_factory=dict)
     zero: bool = False
+    zeros: dict[str, tuple[float, float]] = field(default_factory=dict)
     instead: list[Attempt] = field(default_factory=list)
     enough: Explained | None = None
     left: Remainder | None = None
 
 
-def zero_of(fit: Fit) -> tuple[float, float]:
-    """The encoder's zero [rad] and its standard deviation; of several recordings their weighted mean."""
+def zeros_of(fit: Fit, names: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """The encoder's zero [rad] in each recording, and its standard deviation.
+
+    An incremental encoder has another one whenever it is switched on. Over stretches of one recording it is
+    their weighted mean.
+
+    Args:
+        fit: of an attempt.
+        names: of the recording to which each of its stretches belongs.
+    """
     places = [len(fit.shared) + r * OWN + 4 for r in range(len(fit.own))]
-    variance = np.diag(fit.covariance)[places]
-    weight = 1.0 / np.maximum(variance, 1e-300)
-    return float((weight * fit.own[:, 4]).sum() / weight.sum()), float(weight.sum() ** -0.5)
+    weight = 1.0 / np.maximum(np.diag(fit.covariance)[places], 1e-300)
+    found = {}
+    for name in dict.fromkeys(names):
+        own = [r for r, other in enumerate(names) if other == name]
+        total = weight[own].sum()
+        found[name] = float((weight[own] * fit.own[own, 4]).sum() / total), float(total**-0.5)
+    return found
 
 
 def inside(attempt: Attempt) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from clearance.diagnosis.motion.attempt import Attempt, Findings, Remainder, inside
 from clearance.diagnosis.motion.balance import Suggested, suggest
-from clearance.diagnosis.motion.judged import over
+from clearance.diagnosis.motion.judged import squares
 from clearance.diagnosis.motion.remainder import remainder
 from clearance.diagnosis.motion.rest import Explained, nearly_all
 from clearance.diagnosis.motion.search import FEWEST, POOR, SLOWEST, Search
@@ -104,7 +104,7 @@ class Course:
 
     def _error(self, attempt: Attempt, about: Explained) -> float:
         """Root mean square of what an attempt leaves over the noise."""
-        return float(np.sqrt((np.concatenate(over(attempt.fit, self.search.tracks, about)) ** 2).mean()))
+        return float(np.sqrt(squares(attempt.fit, self.search.tracks, about, about.noise).mean()))
 
     def _follow_suggested(self, findings: Findings) -> bool:
         """Begin with the best of what linkage and measured turning suggest; whether it follows them.

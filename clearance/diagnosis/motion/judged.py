@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clearance.diagnosis.motion.attempt import Attempt
+from clearance.diagnosis.motion.attempt import Attempt, zeros_of
 from clearance.diagnosis.motion.beginning import begin
 from clearance.diagnosis.motion.fit import Fit, fit
 from clearance.diagnosis.motion.model import Model
@@ -19,7 +19,8 @@ _BLOCKS = 20  # parts of the held-out recordings that are drawn
 class Judged:
     """An attempt beside recordings that it was not fitted to.
 
-    Only start, drive's speed and an encoder's zero that is not known are free.
+    Only start, drive's speed and an encoder's zero are free, the zero within what is known of it: by the fit,
+    where these are parts of the fitted recordings.
     """
 
     def __init__(
@@ -27,23 +28,22 @@ class Judged:
     ) -> None:
         model = attempt.fit.model
         machine, instrument = model.apply(attempt.fit.shared)
+        self.tracks = [track.filtered(search.filtered) for track in search.cut(held_out)]
+        zeros = zeros_of(attempt.fit, [track.name for track in search.tracks])
+        known = all(track.name in zeros for track in self.tracks)
+        deviation = max(one for _, one in zeros.values()) if known else model.zero_deviation
         fixed = Model(
-            machine, model.joint, with_zero=model.with_zero, instrument=instrument,
+            machine, model.joint, with_zero=model.with_zero, zero_deviation=deviation, instrument=instrument,
             known_clearance=model.clearance(attempt.fit.shared),
         )  # fmt: skip
-        self.tracks = [track.filtered(search.filtered) for track in search.cut(held_out)]
-        zeros = {track.name: own[4] for track, own in zip(search.tracks, attempt.fit.own, strict=True)}
-        start = np.array(
-            [begin(track, speeds, zeros.get(track.name, attempt.fit.own[0, 4])) for track in self.tracks]
-        )
+        first = next(iter(zeros.values()))
+        start = np.array([begin(track, speeds, zeros.get(track.name, first)[0]) for track in self.tracks])
         self.fit: Fit = fit(fixed, self.tracks, np.zeros(0), start, start, search.workers, staged=True)
         self.explained: Explained = explained(self.fit, self.tracks)
 
     def squares(self, noise: np.ndarray) -> np.ndarray:
-        """(samples,) mean over channels of squared residuals over noise."""
-        return np.concatenate(
-            [(r**2).mean(axis=1) for r in scaled(self.fit, self.tracks, self.explained, noise)]
-        )
+        """(samples,) see ``squares``."""
+        return squares(self.fit, self.tracks, self.explained, noise)
 
     def score(self, noise: np.ndarray) -> float:
         """Root mean square over the noise."""
@@ -70,6 +70,15 @@ def scaled(found: Fit, tracks: Sequence[Track], about: Explained, noise: np.ndar
                 values[:, i] = rest[:, track.channels.index(channel)] / noise[i]
         scaled.append(values)
     return scaled
+
+
+def squares(found: Fit, tracks: Sequence[Track], about: Explained, noise: np.ndarray) -> np.ndarray:
+    """(samples,) mean of squared residuals over noise, over the channels that each recording has."""
+    means = []
+    for track, rest in zip(tracks, scaled(found, tracks, about, noise), strict=True):
+        present = [channel in track.channels for channel in about.channels]
+        means.append((rest[:, present] ** 2).mean(axis=1))
+    return np.concatenate(means)
 
 
 def over(found: Fit, tracks: Sequence[Track], about: Explained) -> list[np.ndarray]:

@@ -10,7 +10,7 @@ import numpy as np
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.hypothesis import settled
 from clearance.diagnosis.motion.prediction import Guess
-from clearance.diagnosis.motion.track import Track
+from clearance.diagnosis.motion.track import LATEST, Track
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.errors import InputError
 from clearance.mechanism.description import read_path, with_values
@@ -27,7 +27,6 @@ _LARGEST_CLEARANCE = 2e-3  # m
 _KEPT = 256  # machines that are not made anew
 _RESOLVED = 0.4  # of the sampling rate: what repeats faster is not looked for
 _FASTER = 20.0  # times the speed at the beginning, and the mean speed, at most
-_LATEST = 0.05  # s, of a channel's delay
 
 
 @dataclass(frozen=True)
@@ -219,7 +218,7 @@ def _fault(effect: Effect, channel: str, spread: float) -> Effect:
             parameter, unit=si_unit(channel), bounds=(-10.0 * spread, 10.0 * spread), start=0.05 * spread
         )
     if effect.name == "sensor_delay":
-        parameter = replace(parameter, bounds=(0.0, _LATEST), start=1e-3)
+        parameter = replace(parameter, bounds=(0.0, LATEST), start=1e-3)
     return replace(effect.on_channel(channel), free=(parameter,))
 
 
@@ -329,11 +328,9 @@ class Model:
             if unknown in term.unknowns:
                 place = term.unknowns.index(unknown)
                 return unknown.outer(float(term.starts[0][place]))
-        return (
-            max(unknown.low, 0.0)
-            if unknown.name == "clearance"
-            else float(read_path(self.machine, unknown.name))
-        )
+        if unknown.name == "clearance":
+            return max(unknown.low, 0.0)
+        return float(np.clip(read_path(self.machine, unknown.name), unknown.low, unknown.high))
 
     def apply(self, shared: np.ndarray) -> tuple[SliderCrank, Instrument]:
         """Machine and instruments with shared values on the scale of the fit."""

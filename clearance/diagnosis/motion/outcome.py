@@ -55,8 +55,8 @@ def diagnose(
     """Find what the nominal machine lacks, from how its crank turns and its slider moves.
 
     Args:
-        tracks: to fit; selection sees only these.
-        held_out: to judge by.
+        tracks: to fit; names are chosen by these alone.
+        held_out: to judge by; a force of free form is kept where it helps here, too.
         setting: the nominal machine and the joint.
         named: effects to try.
         uncertain: paths of the mechanism that are known only roughly, to their bounds.
@@ -69,13 +69,14 @@ def diagnose(
         keep: called after each stage with what was found so far.
 
     Raises:
-        InputError: a recording that no machine of this kind could have made.
+        InputError: a recording that no machine of this kind could have made, or play in the other joint.
     """
     started = time.monotonic()
     machine, joint = setting.with_clearance(0.0), setting.joint
+    _refuse_other_play(machine)
     linkage = link(tracks, machine, gather(named, machine, joint, tracks, list(uncertain), 1.0), joint)
     tracks, held_out = ([linkage.oriented(track) for track in some] for some in (tracks, held_out))
-    guesses = [begin(track, speed_range) for track in tracks]
+    guesses = [begin(track, speed_range) for track in (*tracks, *held_out)][: len(tracks)]
     turns = float(np.mean([abs(guess[3]) for guess in guesses])) / 60.0
     terms = gather(named, machine, joint, tracks, list(uncertain), max(turns, 0.1))
     search = Search(
@@ -95,6 +96,18 @@ def diagnose(
     machine = _corrected(final.fit, setting, diagnosis["clearance"]["after_m"])
     evidence = _evidence(search, findings, before, beside or after, diagnosis["verdict"])
     return Outcome(diagnosis, evidence | {"free_form": diagnosis["free_form"]}, machine, findings)
+
+
+def _refuse_other_play(machine: SliderCrank) -> None:
+    """At an encoder's rate nothing inside a clearance is resolved: the run is that of ideal joints."""
+    for place in ("joint_b", "joint_c"):
+        clearance = getattr(machine, place).clearance
+        if clearance > 0.0:
+            raise InputError(
+                f"mechanism.{place}.clearance = {clearance:g}: recordings without accelerometers are "
+                "compared with ideal joints, and only the clearance of joint= is fitted; set "
+                f"mechanism.{place}.clearance=0"
+            )
 
 
 def _with_table(

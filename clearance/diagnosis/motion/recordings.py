@@ -56,6 +56,10 @@ def uncertain_bounds(given: Any, machine: SliderCrank) -> dict[str, tuple[float,
     found: dict[str, tuple[float, float]] = {}
     for path, bounds in given.items():
         key = f"uncertain: {path}"
+        if str(path) in ("joint_b.clearance", "joint_c.clearance"):
+            raise InputError(
+                f"{key} is fitted anyway where the slider's position shows it; take it out of uncertain"
+            )
         nominal = read_path(machine, str(path))
         if isinstance(nominal, bool) or not isinstance(nominal, int | float):
             raise InputError(f"{key} is not a number of the mechanism; change uncertain")

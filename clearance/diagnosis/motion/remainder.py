@@ -97,8 +97,9 @@ def remainder(search: Search, best: Attempt, named: bool) -> Remainder | None:
         [best.fit.shared[: len(given.fixed_unknowns)], *(best.parameters(fault)[0] for fault in faults)]
     )
     found: list[Remainder] = []
-    for form in _forms(_reached(fixed, none.own, tracks)):
-        size = _size(machine, none.own, form)
+    reached = _reached(fixed, none.own, tracks)
+    for form in _forms(reached):
+        size = _size(machine, reached["crank_speed"], form)
         term = term_of(form.effect(size), machine, joint)
         if term is None or search.late():
             continue
@@ -170,8 +171,7 @@ def _forms(reached: dict[str, np.ndarray]) -> list[_Form]:
     return found
 
 
-def _size(machine: SliderCrank, own: np.ndarray, form: _Form) -> float:
-    """A plausible force [N] or torque [N m]: a share of what moves the slider."""
-    speed = float(np.abs(own[:, 1]).mean())
-    force = machine.slider.mass * machine.crank.length * speed**2
+def _size(machine: SliderCrank, speeds: np.ndarray, form: _Form) -> float:
+    """A plausible force [N] or torque [N m]: a share of what moves the slider at these speeds [rad/s]."""
+    force = machine.slider.mass * machine.crank.length * float((speeds**2).mean())
     return _TYPICAL * force * (machine.crank.length if form.direction == "torque" else 1.0)

@@ -7,7 +7,7 @@ from time import monotonic
 
 import numpy as np
 
-from clearance.diagnosis.motion.attempt import Attempt, Findings, zero_of
+from clearance.diagnosis.motion.attempt import Attempt, Findings, zeros_of
 from clearance.diagnosis.motion.beginning import begin
 from clearance.diagnosis.motion.fit import fit
 from clearance.diagnosis.motion.linkage import Linkage
@@ -50,6 +50,7 @@ class Search:
         self.tracks, self.terms, self.workers, self.seconds = list(tracks), terms, workers, seconds
         self.linkage, self.speeds = linkage, speeds
         self.begin = self.beginnings(tracks)
+        self.recorded = sum(track.seconds for track in tracks)
         every = {c for track in tracks for c in track.channels}
         self.model = Model(
             machine, joint, (), uncertain, "slider_position" in every,
@@ -314,11 +315,11 @@ class Search:
     def question_zero(self, findings: Findings) -> None:
         """Whether the encoder's zero, which was refitted throughout, is surely off."""
         best = findings.best
-        findings.zero, findings.instead = False, []
+        findings.zero, findings.zeros, findings.instead = False, {}, []
         if not best.fit.model.with_zero:
             return
-        value, deviation = zero_of(best.fit)
-        if abs(value) < _SURE * deviation:
+        findings.zeros = zeros_of(best.fit, [track.name for track in self.tracks])
+        if all(abs(value) < _SURE * deviation for value, deviation in findings.zeros.values()):
             return
         self.report("asking whether the encoder's zero is off")
         given = self.model

@@ -26,6 +26,7 @@ from clearance.diagnosis.motion.verdict import (
 )
 from clearance.diagnosis.motion.where import summary
 
+_WHOLE = 0.95  # of the seconds that were recorded: less is said
 METRIC = "root mean square of whole-run residuals over the noise of each channel"
 
 
@@ -166,6 +167,11 @@ def _warnings(search: Search) -> list[str]:
             f"The recordings are compared in stretches of {search.turns:g} turns, each with a beginning of "
             "its own: over more the machine goes astray from the model, pushed by what is not in it"
         )
+        compared = sum(track.seconds for track in search.tracks)
+        if compared < _WHOLE * search.recorded:
+            found[-1] += (
+                f"; {len(search.tracks)} of them, {compared:.3g} of {search.recorded:.3g} s, spread evenly"
+            )
     if search.stopped:
         found.append(f"Not everything was tried: {search.stopped}.")
     return found

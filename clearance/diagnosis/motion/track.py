@@ -16,7 +16,7 @@ from clearance.recording.recording import Recording
 FASTEST = 1000.0  # Hz: of a faster recording every n-th sample is looked at
 FINE = 500.0  # Hz at least, at which motion is simulated before it is filtered, delayed and sampled
 _SHORTEST = 60  # samples
-_EDGE = 0.02  # s at both ends that a delayed channel does not know
+LATEST = 0.05  # s, of a channel's delay: so much at both ends it does not know
 _TAIL = 20  # samples at both ends over which the filter sees what was not recorded
 _STILL = 2e-5  # of a channel's deviation: smaller noise is below the solver's own error
 _TURNED = 1e-5  # rad, likewise of the crank's angle
@@ -117,7 +117,7 @@ class Track:
     def judged(self) -> slice:
         """Samples that are compared: not those at the ends, before which nobody knows what happened."""
         count = len(self.values)
-        edge = int(np.ceil(_EDGE * self.rate))
+        edge = int(np.ceil(LATEST * self.rate - 1e-9))
         if self.low_pass is not None:
             edge = max(edge, _TAIL)
         edge = min(edge, count // 10)

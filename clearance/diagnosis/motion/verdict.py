@@ -4,11 +4,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.judging.verdict import Estimate
 from clearance.diagnosis.judging.words import HELPS, acting
-from clearance.diagnosis.motion.attempt import Attempt, Findings, Remainder, zero_of
+from clearance.diagnosis.motion.attempt import Attempt, Findings, Remainder
 from clearance.diagnosis.motion.fit import Fit
 from clearance.diagnosis.motion.model import Term
 from clearance.diagnosis.motion.remainder import described
@@ -18,6 +19,7 @@ _Z = 1.96  # of a 95 % interval
 _SEEN = 3.3  # standard deviations from which on a clearance counts as seen
 _CONFIRMED = 1.3  # held-out error over its floor, up to which the recordings there are explained
 _COUNTS = 0.02  # of a combination of uncertain values, in their ranges: one that takes less part is not told
+_APART = 1e-3  # chance of zeros as different, below which each recording has its own
 _KNOWN = 0.05  # of its range: an uncertain value is known when its deviation is below
 
 
@@ -89,13 +91,23 @@ def effects(
         outer = {u.name: u.outer(off[u.name]) if np.isfinite(off[u.name]) else None for u in term.unknowns}
         found.append((term.effect, estimates(best, term), outer))
     if zero is not None and findings.zero:
-        value, deviation = zero_of(best.fit)
-        found.append(
-            (zero, {"bias": Estimate(value, value - _Z * deviation, value + _Z * deviation)}, {"bias": 0.0})
-        )
+        found.append((zero, {"bias": _zero(findings.zeros)}, {"bias": 0.0}))
     return [
         (effect, numbers, _described(effect, numbers, off, best, chance)) for effect, numbers, off in found
     ]
+
+
+def _zero(zeros: Mapping[str, tuple[float, float]]) -> Estimate:
+    """The encoder's zero: the weighted mean of all recordings; where they disagree what all say."""
+    values, deviations = np.array(list(zeros.values())).T
+    weight = deviations**-2.0
+    mean, deviation = float((weight * values).sum() / weight.sum()), float(weight.sum() ** -0.5)
+    apart = float((weight * (values - mean) ** 2).sum())
+    if len(values) > 1 and chi2.sf(apart, len(values) - 1) < _APART:
+        return Estimate(
+            mean, float((values - _Z * deviations).min()), float((values + _Z * deviations).max())
+        )
+    return Estimate(mean, mean - _Z * deviation, mean + _Z * deviation)
 
 
 def _described(

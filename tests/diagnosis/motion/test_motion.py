@@ -12,14 +12,19 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.motion.attempt import zeros_of
+from clearance.diagnosis.motion.fit import OWN
+from clearance.diagnosis.motion.judged import squares
+from clearance.diagnosis.motion.model import Model
 from clearance.diagnosis.motion.outcome import diagnose
 from clearance.diagnosis.motion.prediction import Guess, predict
 from clearance.diagnosis.motion.recordings import only_motion, tracks_of, uncertain_bounds, zero_is_known
-from clearance.diagnosis.motion.track import LowPass, Track, respond
-from clearance.diagnosis.motion.verdict import verdict_of
+from clearance.diagnosis.motion.track import LATEST, LowPass, Track, respond
+from clearance.diagnosis.motion.verdict import _zero, verdict_of
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.errors import InputError
 from clearance.mechanism.drive import DirectCurrentMotor, SpeedControl
+from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.files import write
@@ -284,11 +289,82 @@ def test_values_that_a_recording_does_not_tell_are_not_given_as_known():
         ({"slider.mass": "heavy"}, "rising"),
         ({"slider": [0.1, 0.5]}, "not a number"),
         ({"slider.mass": [-1.0, 0.5]}, "mass"),
+        ({"joint_c.clearance": [0.0, 1e-3]}, "is fitted anyway"),
     ],
 )
 def test_wrong_bounds_of_uncertain_values(given, words):
     with pytest.raises(InputError, match=words):
         uncertain_bounds(given, SliderCrank())
+
+
+def test_bounds_above_a_nominal_value_of_zero_are_taken():
+    """A fit on their logarithm begins inside them."""
+    model = Model(SliderCrank(), "C", uncertain={"guide_offset": (1e-3, 1e-2)})
+    assert len(model.own(np.array([0.0, 60.0, 0.0, 600.0, 0.0]))) == 5
+    assert model.apply(np.array([u.prior[0] for u in model.shared]))[0].guide_offset == pytest.approx(1e-3)
+
+
+def test_what_a_late_channel_does_not_know_at_the_ends_is_not_compared():
+    track = Track("rig", np.zeros((500, 1)), ("slider_position",), 100.0)
+    assert track.judged == slice(round(LATEST * 100.0), 500 - round(LATEST * 100.0))
+    assert track.part(0, 30).judged == slice(3, 27)  # a tenth of a short stretch at most
+
+
+def test_play_in_the_other_joint_is_refused():
+    machine = replace(SliderCrank(), joint_b=Joint(1e-4))
+    with pytest.raises(InputError, match=r"mechanism\.joint_b\.clearance = 0\.0001.*set mechanism\.joint_b"):
+        diagnosed(planted(1.0, 100.0), [], machine=machine)
+
+
+def test_what_was_held_out_is_read_before_the_search():
+    said = []
+    fitted, _ = tracks_of({"rig": planted(1.0, 100.0)}, {})
+    torque = Track("torque", np.random.default_rng(0).normal(size=(100, 1)), ("drive_torque",), 100.0)
+    with pytest.raises(InputError, match="torque: has drive_torque"):
+        diagnose(
+            fitted,
+            [torque],
+            Setting(SliderCrank(), "C"),
+            [],
+            {},
+            True,
+            (10.0, 300.0),
+            60.0,
+            1,
+            1,
+            said.append,
+        )
+    assert not said
+
+
+def test_a_channel_that_a_recording_lacks_does_not_count():
+    both = ("crank_angle", "slider_position")
+    tracks = [Track(str(i), np.zeros((9, 2 - i)), both[: 2 - i], 100.0) for i in range(2)]
+    found = SimpleNamespace(residuals=[np.full((9, 2), 3.0), np.full((9, 1), 4.0)])
+    means = squares(found, tracks, SimpleNamespace(channels=both), np.array([1.0, 1.0]))
+    np.testing.assert_allclose(means, [*[9.0] * 9, *[16.0] * 9])
+
+
+@pytest.mark.parametrize(
+    ("zeros", "low", "high"),
+    [
+        ({"a": (0.30, 1e-3)}, 0.298, 0.302),
+        ({"a": (0.30, 1e-3), "b": (0.3005, 1e-3)}, 0.2988, 0.3017),
+        ({"a": (0.30, 1e-3), "b": (-0.30, 1e-3)}, -0.302, 0.302),  # switched off between the two
+    ],
+)
+def test_zeros_that_recordings_disagree_on_are_spanned(zeros, low, high):
+    found = _zero(zeros)
+    assert (found.low, found.high) == pytest.approx((low, high), abs=2e-4)
+    assert low < found.value < high
+
+
+def test_each_recording_may_have_a_zero_of_its_own():
+    own, covariance = np.zeros((3, OWN)), np.eye(3 * OWN)
+    own[:, 4] = 0.3, 0.3, -0.3
+    fit = SimpleNamespace(shared=np.zeros(0), own=own, covariance=covariance)
+    zeros = zeros_of(fit, ["a", "a", "b"])
+    assert zeros == {"a": pytest.approx((0.3, 0.5**0.5)), "b": pytest.approx((-0.3, 1.0))}
 
 
 def test_wrong_settings_and_recordings():

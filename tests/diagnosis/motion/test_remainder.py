@@ -13,7 +13,7 @@ from clearance.diagnosis.motion.linkage import Linkage
 from clearance.diagnosis.motion.model import gather
 from clearance.diagnosis.motion.outcome import diagnose
 from clearance.diagnosis.motion.recordings import tracks_of
-from clearance.diagnosis.motion.remainder import described, remainder, table_of
+from clearance.diagnosis.motion.remainder import _size, described, remainder, table_of
 from clearance.diagnosis.motion.search import Search
 from clearance.mechanism.drive import DirectCurrentMotor
 from clearance.mechanism.slider_crank import SliderCrank
@@ -40,6 +40,12 @@ def searched(recording, names):
     search.tracks = [track.filtered(True) for track in search.cut(tracks)]
     search.begin = search.beginnings(search.tracks)
     return search, search.attempt((), search.nominal_values(), search.begin, staged=True)
+
+
+def test_a_plausible_force_is_of_the_whole_run_not_of_its_first_sample():
+    form = SimpleNamespace(direction="x")
+    from_rest = np.linspace(0.0, 70.0, 200)
+    assert _size(RIG, from_rest, form) == pytest.approx(_size(RIG, np.full(200, 70.0), form) / 3.0, rel=0.01)
 
 
 @pytest.mark.parametrize(
