@@ -82,11 +82,16 @@ def main(cfg: DictConfig) -> None:
         for verdicts in (VERDICTS, *others):
             log.info("%s committed: SHA-256 %s", verdicts, commit_verdicts(folder, verdicts))
         facts, cases = reveal(folder, sealed)
+        if cfg.seed not in (None, facts["seed"]):
+            raise InputError(
+                f"seed = {cfg.seed}: folder = {folder} holds the trial of seed {facts['seed']}; set "
+                "that seed, or choose another folder"
+            )
         if cfg.stage != "loop":
             rows = [score_case(one) for one in cases]
             content = _score(facts, rows, [folder, *drawn])
-            write_json(folder / "result.json", content[0])
             beside = _compare(folder, sealed, methods, content[0])
+            write_json(folder / "result.json", content[0])
             if loop is None or cfg.stage == "reveal":
                 _publish(*content, "trial", cfg.results, cfg.readme)
                 if beside:

@@ -5,6 +5,7 @@ import os
 import secrets
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -36,11 +37,15 @@ def conceal(
         report: called with progress.
 
     Raises:
-        InputError: if the folder holds a trial of another scope, the truth would lie inside it, or beams are
-            wanted without Exudyn.
+        InputError: if the folder holds a trial of another scope, one of the two lies inside the other, the
+            truth's holds other files, or beams are wanted without Exudyn.
     """
     if sealed.resolve().is_relative_to(folder.resolve()):
         raise InputError(f"sealed = {sealed} lies inside folder = {folder}; set sealed to a folder elsewhere")
+    if folder.resolve().is_relative_to(sealed.resolve()):
+        raise InputError(
+            f"folder = {folder} lies inside sealed = {sealed}, which nobody may enter; change one"
+        )
     if (folder / COMMITMENT).exists():
         done: dict[str, Any] = read_json(folder / COMMITMENT, "folder")
         if _whole(done["scope"]) != _plain(scope):
@@ -93,6 +98,12 @@ def _whole(stored: Any) -> Any:
 def _plan(scope: Scope, seed: int | None, sealed: Path) -> int:
     """The seed, kept beside the truth so that an interrupted concealment goes on with the same cases."""
     sealed.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with suppress(PermissionError):  # only a seal may not be looked into
+        others = [
+            p.name for p in sealed.iterdir() if p.name not in (_PLAN, TRUTH, CASES) and p.name[0] != "."
+        ]
+        if others:
+            raise InputError(f"sealed = {sealed} holds other files ({others[0]}); choose an empty folder")
     unlock(sealed)
     path = sealed / _PLAN
     if not path.exists():

@@ -214,11 +214,11 @@ def _unlike_a_diagnosis(content: Any) -> str | None:
 def _is_effect(one: Any) -> bool:
     if not isinstance(one, dict) or not {"name", "kind", "parameters"} <= set(one):
         return False
-    if not isinstance(one["name"], str):
+    if not isinstance(one["name"], str) or not isinstance(one.get("channel"), str | None):
         return False
     given = one["parameters"].values() if isinstance(one["parameters"], dict) else [None]
     return all(
-        isinstance(p, dict) and isinstance(p.get("value"), int | float) and _numbers_or_null(p, "low", "high")
+        isinstance(p, dict) and p.get("value") is not None and _numbers_or_null(p, "value", "low", "high")
         for p in given
     )
 
@@ -228,13 +228,24 @@ def _is_curve(one: Any) -> bool:
         return True
     if not isinstance(one, dict) or not isinstance(one.get("argument"), str):
         return False
-    table = one.get("table")
-    return isinstance(table, list) and all(_is_list_of(int | float, row) and len(row) == 2 for row in table)
+    table, clocks = one.get("table"), one.get("clocks")
+    if not _numbers_or_null(one, "period") or not (clocks is None or _are_numbers(clocks)):
+        return False
+    return isinstance(table, list) and all(_are_numbers(row) and len(row) == 2 for row in table)
 
 
 def _is_list_of(kind: Any, values: Any) -> bool:
     return isinstance(values, list) and all(isinstance(value, kind) for value in values)
 
 
+def _are_numbers(values: Any) -> bool:
+    return isinstance(values, list) and all(map(_is_number, values))
+
+
+def _is_number(value: Any) -> bool:
+    """One that a float holds: JSON's may have any number of digits."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+
+
 def _numbers_or_null(given: dict[str, Any], *keys: str) -> bool:
-    return all(isinstance(given.get(key), int | float | None) for key in keys)
+    return all(given.get(key) is None or _is_number(given[key]) for key in keys)

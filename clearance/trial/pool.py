@@ -51,6 +51,12 @@ def _require_whole(path: Path, one: dict[str, Any]) -> None:
             f"{path}: has no {lacking[0]}, as results of older versions; reveal that trial again, or leave "
             "it out of pooled"
         )
+    old = [row["name"] for row in one["rows"] if row["verdict"] is not None and "rightly" not in row]
+    if old:
+        raise InputError(
+            f"{path}: {old[0]} does not say what was rightly named, as rows of older versions; reveal that "
+            "trial again, or leave it out of pooled"
+        )
 
 
 def _drawing(one: dict[str, Any]) -> dict[str, Any]:

@@ -75,28 +75,31 @@ def unexplained(
     rest, columns = [], []
     for scene, change in zip(scenes, changes, strict=True):
         own, common = _derivatives(plants[scene.session], scene, clearance)
-        local = _scaled(own, spread, live)
+        local = _unit(_scaled(own, spread, live))
         basis, sizes, _ = np.linalg.svd(local, full_matrices=False)
         basis = basis[:, sizes > _SINGULAR * max(sizes.max(), 1e-300)]
         target = (change[:, live] / spread[live]).ravel()
         table = np.zeros((len(target), shared))
-        scaled = _scaled(common, spread, live)
+        scaled = _scaled(common, spread, live)  # as large as they are: one change for all scenes
         table[:, scene.session] = scaled[:, 0]
         if clearance:
             table[:, -1] = scaled[:, 1]
         rest.append(target - basis @ (basis.T @ target))
         columns.append(table - basis @ (basis.T @ table))
-    target, table = np.concatenate(rest), np.concatenate(columns)
-    scale = np.linalg.norm(table, axis=0)
-    table = table / np.where(scale > 0.0, scale, 1.0)
+    target, table = np.concatenate(rest), _unit(np.concatenate(columns))
     left = target - table @ np.linalg.lstsq(table, target, rcond=_SINGULAR)[0]
     by_channel = np.sqrt((left.reshape(-1, len(live)) ** 2).mean(axis=0))
     return float(by_channel.max() / THRESHOLD)
 
 
 def _scaled(columns: FloatArray, spread: FloatArray, live: NDArray[np.intp]) -> FloatArray:
-    """(rows, columns) in standard deviations, each column of length 1: only its direction matters."""
-    table = (columns[:, :, live] / spread[live]).reshape(len(columns), -1).T
+    """(rows, columns) in standard deviations."""
+    table: FloatArray = (columns[:, :, live] / spread[live]).reshape(len(columns), -1).T
+    return table
+
+
+def _unit(table: FloatArray) -> FloatArray:
+    """(rows, columns) each of length 1, where only its direction matters."""
     length = np.linalg.norm(table, axis=0)
     unit: FloatArray = table / np.where(length > 0.0, length, 1.0)
     return unit

@@ -41,6 +41,14 @@ def test_cases_add_up_under_the_names_of_their_trials(published):
         ), score
 
 
+def test_rows_of_older_versions_are_refused(published):
+    result = json.loads(published[1].read_text())
+    del result["rows"][1]["rightly"]
+    published[1].write_text(json.dumps(result))
+    with pytest.raises(InputError, match=r"case_0002 does not say what was rightly named.*leave it out"):
+        pool(published)
+
+
 def test_one_command_makes_result_table_and_pictures(published, monkeypatch, capfd, tmp_path):
     (tmp_path / "page.md").write_text("\n".join(marks("trial", "trial")))
     settings = (

@@ -75,6 +75,17 @@ def test_a_concealment_is_made_once_and_another_scope_is_refused(trial):
         conceal(other, None, trial.folder, trial.sealed, 1, pytest.fail)
     with pytest.raises(InputError, match="set sealed to a folder elsewhere"):
         conceal(SCOPE, 1, trial.folder, trial.folder / "truth", 1, pytest.fail)
+    with pytest.raises(InputError, match=r"lies inside sealed = .*nobody may enter"):
+        conceal(SCOPE, 1, trial.folder / "mine", trial.folder, 1, pytest.fail)
+
+
+def test_a_folder_that_holds_something_else_is_not_shut(tmp_path):
+    (tmp_path / "sealed").mkdir()
+    (tmp_path / "sealed" / "thesis.txt").write_text("dear")
+    before = stat.S_IMODE((tmp_path / "sealed").stat().st_mode)
+    with pytest.raises(InputError, match=r"holds other files \(thesis\.txt\); choose an empty folder"):
+        conceal(SCOPE, 1, tmp_path / "open", tmp_path / "sealed", 1, pytest.fail)
+    assert stat.S_IMODE((tmp_path / "sealed").stat().st_mode) == before
 
 
 def test_the_truth_of_one_trial_is_not_sealed_again_for_another_folder(trial):
@@ -313,6 +324,13 @@ def test_what_failed_is_not_tried_again_after_the_reveal(trial):
         ({"seconds": float("nan")}, "NaN is no number"),
         ({"verdict": None}, "has no verdict"),
         ({"effects": [{"name": None, "kind": "physics", "parameters": {}}]}, "has no list of effects"),
+        (
+            {"effects": [{"name": "sensor_gain", "kind": "instrument", "channel": ["a"], "parameters": {}}]},
+            "has no list of effects",
+        ),
+        ({"free_form": {"argument": "time", "table": [], "clocks": 5}}, "has a free_form without"),
+        ({"free_form": {"argument": "time", "table": [], "period": "0.2"}}, "has a free_form without"),
+        ({"clearance": {"after_m": 10**400}}, "are not all numbers"),
         ({"mismatch": {"score": "high"}}, "whose score is no number"),
         ({"peak_memory_mib": "486 MiB"}, "a peak_memory_mib that is no number"),
         (

@@ -87,6 +87,15 @@ def test_what_can_be_refitted_does_not_show(scenes):
     assert unexplained(scenes, moved, [NOMINAL], spread) < 0.02 * raw
 
 
+def test_a_change_of_speed_alone_is_refitted_at_all_instants_together(scenes):
+    """One change of the speed for all: how much each instant shows of it counts."""
+    faster = replace(NOMINAL, speed_rpm=NOMINAL.speed_rpm * (1.0 + 1e-5))
+    changes = [response(faster, scene) - response(NOMINAL, scene) for scene in scenes]
+    spread = np.full(10, 100.0)
+    raw = max(np.sqrt(np.mean(np.square(changes), axis=(0, 1)))) / 3.0
+    assert unexplained(scenes, changes, [NOMINAL], spread) < 2e-3 * raw
+
+
 def test_a_slow_clock_shows_what_was_later():
     times = np.arange(1000) / 1e5
     signals = np.stack([np.sin(300.0 * times), times], axis=1)
