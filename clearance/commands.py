@@ -50,7 +50,7 @@ def refuse(unused: Mapping[str, str]) -> None:
             raise InputError(f"{one}: {unused[group]}; leave {group} out")
 
 
-def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:
+def command(name: str, resumes: bool = True) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:
     """Make a function of a configuration into a command with Hydra's command line.
 
     A wrong input ends the command with one line on standard error and exit code 2; so does a full disk. Asked
@@ -59,6 +59,7 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
 
     Args:
         name: of the file in ``conf/``.
+        resumes: whether what was done before an interruption is kept and gone on from.
     """
 
     def decorate(task: Callable[[DictConfig], Any]) -> Callable[[], Any]:
@@ -66,7 +67,8 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
         def guarded(cfg: DictConfig) -> Any:
             # Here too: Hydra adds a line of its own to what leaves a job. A copy: instantiating changes cfg.
             several = HydraConfig.get().mode is RunMode.MULTIRUN
-            with (_failing_alone if several else _reported)(deepcopy(cfg)):
+            alone = _failing_alone(deepcopy(cfg)) if several else _reported(deepcopy(cfg), resumes)
+            with alone:
                 return task(cfg)
 
         run = hydra.main(version_base="1.3", config_path=str(CONFIGURATION), config_name=name)(guarded)
@@ -79,7 +81,7 @@ def command(name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], A
                 if signal.getsignal(one) is not signal.SIG_IGN:  # as nohup has it
                     signal.signal(one, _terminated)
             try:
-                with _reported():
+                with _reported(resumes=resumes):
                     if {"--help", "-h"} & set(sys.argv[1:]):
                         sys.stdout.write(help_text(name))
                         return None
@@ -123,15 +125,15 @@ def shard(text: object) -> tuple[int, int]:
 
 
 @contextmanager
-def _reported(cfg: DictConfig | None = None) -> Iterator[None]:
+def _reported(cfg: DictConfig | None = None, resumes: bool = True) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        _interrupted(cfg)
+        _interrupted(cfg, resumes)
     except Exception as error:
         # Ctrl-C between two steps of a library can leave it unable to shut down: no error of the user's.
         if any(isinstance(link, KeyboardInterrupt) for link in _chain(error)):
-            _interrupted(cfg)
+            _interrupted(cfg, resumes)
         wrong = _wrong_input(error, cfg)
         if wrong is None:
             raise
@@ -161,7 +163,10 @@ def _failing_alone(cfg: DictConfig) -> Iterator[None]:
         raise InputError(wrong) from None
 
 
-def _interrupted(cfg: DictConfig | None) -> NoReturn:
+def _interrupted(cfg: DictConfig | None, resumes: bool) -> NoReturn:
+    if not resumes:
+        sys.stderr.write("interrupted; nothing was kept: the same command begins anew\n")
+        raise SystemExit(130) from None
     anew = cfg is not None and cfg.get("resume") is False
     how = ", with resume=true once it has begun to train," if anew else ""
     sys.stderr.write(f"interrupted; the same command{how} goes on from here\n")

@@ -29,7 +29,7 @@ _SHOWN = 3  # sets of each size
 _OWN = ("sensors", "most", "best", "workers", "conditions")  # of a ranking, which a training has not
 
 
-@command("placement")
+@command("placement", resumes=False)
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def main(cfg: DictConfig) -> None:
     """Rank the sets, show the best of each size, write ``placement.json`` and ``placement.png``."""

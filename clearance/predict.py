@@ -22,7 +22,7 @@ from clearance.whole_files import read_yaml, write_json
 log = logging.getLogger(__name__)
 
 
-@command("predict")
+@command("predict", resumes=False)
 def main(cfg: DictConfig) -> None:
     """Read the gauge and the recordings, estimate each, show a table and write ``predictions.json``."""
     gauge = load_gauge(Path(str(cfg.checkpoint)))

@@ -7,10 +7,12 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 _COMMIT = ("rev-parse", "--short", "HEAD")
+_RECORDING = ("chain", "sensors", "synthesis")  # what sees a run
 _CHANGES = ("status", "--porcelain", "--", "clearance", "conf")
 
 
@@ -30,6 +32,18 @@ def fingerprint(value: Any) -> str:
     """SHA-256 of the description of ``value``, 16 hexadecimal digits."""
     text = json.dumps(describe(value), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@cache
+def simulator() -> str:
+    """Of the sources that decide what a simulated run holds, which settings do not tell; 16 digits."""
+    package, digest = Path(__file__).parent, hashlib.sha256()
+    sources = [package / "lanes.py", *(package / "recording" / f"{name}.py" for name in _RECORDING)]
+    for folder in ("mechanism", "simulation"):
+        sources += package.glob(f"{folder}/**/*.py")
+    for source in sorted(sources):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def revision() -> str | None:

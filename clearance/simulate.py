@@ -25,7 +25,7 @@ def main(cfg: DictConfig) -> None:
         paths = campaign.export(str(cfg.recordings), part, workers)
         log.info("%d of %d runs are recordings in %s", len(paths), campaign.runs, cfg.recordings)
         return
-    path = Path(str(cfg.dataset or f"outputs/datasets/{campaign.fingerprint}"))
+    path = Path(str(cfg.dataset or f"outputs/datasets/{campaign.folder}"))
     dataset = campaign.generate(path, part, workers)
     for run, reason in dataset.failures().items():
         log.warning("run %d: %s", run, reason)

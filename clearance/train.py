@@ -18,7 +18,7 @@ from clearance.configuration import CONFIGURATION, set_key
 from clearance.errors import InputError
 from clearance.evaluation.evaluate import evaluate
 from clearance.models.estimator import Estimator
-from clearance.models.gauge import Calibration, Gauge
+from clearance.models.gauge import Gauge
 from clearance.models.run_folder import METRICS, RunFolder, environment
 from clearance.models.seen import require_apart, require_same_division
 from clearance.models.together import fit_together, shareable
@@ -26,6 +26,7 @@ from clearance.whole_files import read_json
 from clearance.windows.datamodule import WindowData
 
 log = logging.getLogger(__name__)
+_COMPUTES = ("trainer.progress", "trainer.threads", "trainer.accelerator")  # what any model may be given
 
 
 @command("train")
@@ -41,7 +42,7 @@ def main(cfg: DictConfig) -> float | None:
     estimators = [instantiate(one.model, _convert_="all") for one in each]
     estimators[0].check(data)
     instantiate(cfg.metrics)
-    Calibration(**cfg.calibration)
+    instantiate(cfg.calibration)
     if cfg.seeds is not None:
         shareable(estimators)
     runs = [open_run(one) for one in each]
@@ -108,6 +109,14 @@ def _require_read(cfg: DictConfig, asked: Collection[str]) -> None:
             f"runs={cfg.runs}: a number of simulated runs, of which these data have none; leave it out, or "
             "with data=stored set data.source.runs"
         )
+    if "start_time" in asked and "start_time" not in source and "simulation" not in source:
+        raise InputError(
+            f"start_time={cfg.start_time}: of stored and simulated runs; files are read whole; leave it out, "
+            "and cut files that begin with a start"
+        )
+    unread = sorted(key for key in asked if key.startswith("trainer.") and key not in _COMPUTES)
+    if unread and "training" not in cfg.model:
+        log.warning("%s: of networks; what is trained here reads nothing of it", ", ".join(unread))
     of_runs = {"campaign", "data_seed", *_groups_of_machine()}
     for key in sorted(asked):
         if "simulation" not in source and key.split(".")[0] in of_runs:
@@ -170,7 +179,7 @@ def judge(
     cfg: DictConfig, estimator: Estimator, data: WindowData, run: RunFolder, seconds: float, together: int
 ) -> None:
     """Calibrate and judge a trained estimator, and write the last of its run."""
-    calibration, metrics = Calibration(**cfg.calibration), instantiate(cfg.metrics)
+    calibration, metrics = instantiate(cfg.calibration), instantiate(cfg.metrics)
     gauge = Gauge.calibrate(estimator, data, **asdict(calibration))
     gauge.save(run.path)
     validation = evaluate(gauge, data, data.validation_windows(), metrics)

@@ -181,6 +181,11 @@ def test_simulate_with_other_settings_names_them(refused, campaign, tmp_path):
         ),
         (("data=measured", "data.source.path=a", "runs=9"), "runs=9: a number of simulated runs"),
         (
+            ("data=measured", "data.source.path=a", "start_time=2.0"),
+            "start_time=2.0: of stored and simulated",
+        ),
+        ("+calibration.share=0.9", "calibration"),
+        (
             ("data=stored", "data.source.path=a", "data.source.runs=abc"),
             "'abc' is not a number.*source.runs$",
         ),

@@ -94,7 +94,7 @@ def _draw_estimates(axes: Axes, fresh: list[dict[str, Any]], name: str) -> None:
     axes.axhline(0.0, color="0.5", linewidth=1)
     recordings = fresh[0]["summary"]["recordings"]
     axes.set(
-        xlabel="true clearance [mm]", ylabel="error with 90 % interval [µm]", ylim=(-1.3 * edge, 1.3 * edge)
+        xlabel="true clearance [mm]", ylabel="error with its interval [µm]", ylim=(-1.3 * edge, 1.3 * edge)
     )
     axes.legend(loc="upper center", fontsize=8, ncols=2)
     axes.set_title(

@@ -14,6 +14,7 @@ from clearance.models.estimator import Estimator
 from clearance.models.familiarity import Familiarity
 from clearance.models.interval import ConformalInterval, robust_mean, spread
 from clearance.models.location import choose_threshold
+from clearance.recording.bounds import require_single
 from clearance.recording.chain import chain_differences, declared_chain
 from clearance.recording.position import elsewhere
 from clearance.recording.recording import SAME_RATE
@@ -171,11 +172,19 @@ class Gauge:
             )
         if not np.isfinite(signals).all():
             raise InputError("holds NaN or infinite samples: finite values are needed; repair the recording")
-        scaled = self.scalers.signals.transform(signals)
+        with np.errstate(over="ignore"):
+            scaled = self.scalers.signals.transform(signals)
+        require_single(scaled, signals, self.channels)
         windows = WindowSet.side_by_side(scaled, np.array([len(scaled)]), known.length, len(self.targets))
         values = estimate_windows(self.estimator, self.scalers, windows)
+        if not np.isfinite(values).all():
+            worst = int(np.abs(scaled).max(axis=0).argmax())
+            raise InputError(
+                f"{self.channels[worst]} reaches {np.abs(signals[:, worst]).max():g}: so far from what the "
+                "model was trained on that it answers with no number; repair the recording"
+            )
         trusted, reason = known.judge(scaled)
-        differences = [chain_differences(chain, self.chain), *self._moved(positions or {})]
+        differences = [chain_differences(chain, self.chain, known.rate), *self._moved(positions or {})]
         if any(differences):
             trusted, reason = False, "; ".join(filter(None, [*differences, "" if trusted else reason]))
         loose = self.loose(np.array([point(own) for own in values.T]))

@@ -15,6 +15,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from torch.utils.tensorboard.summary import hparams
 
 from clearance.errors import InputError
+from clearance.provenance import revision
 from clearance.whole_files import read_json, read_yaml, write_atomically, write_json
 
 CONFIG, METRICS = "config.yaml", "metrics.json"
@@ -166,7 +167,7 @@ def _differing(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
 
 
 def environment(threads: int | None = None, gpu: bool = True) -> dict[str, Any]:
-    """Hardware and versions that a duration or a last digit depends on.
+    """Hardware, versions and commit that a duration or a last digit depends on.
 
     Args:
         threads: that computed; ``None``: as many as torch takes now.
@@ -178,6 +179,7 @@ def environment(threads: int | None = None, gpu: bool = True) -> dict[str, Any]:
         "threads": threads or torch.get_num_threads(),
         "gpu": torch.cuda.get_device_name() if gpu and torch.cuda.is_available() else None,
         "python": platform.python_version(),
+        "revision": revision(),
         "packages": {name: metadata.version(name) for name in packages},
     }
 

@@ -1,9 +1,11 @@
 """Numbers and names that a user wrote: used where they are within range, answered with one line if not."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from numbers import Real
+
+import numpy as np
 
 from clearance.errors import InputError
 
@@ -50,6 +52,26 @@ def listing(names: Iterable[str], limit: int = 12) -> str:
     everything = [str(name) for name in names]
     shown = ", ".join(everything[:limit])
     return f"{shown} and {len(everything) - limit} more" if len(everything) > limit else shown or "none"
+
+
+def require_single(single: np.ndarray, values: np.ndarray, channels: Sequence[str]) -> None:
+    """Refuse samples that single precision, in which models compute, does not hold.
+
+    Args:
+        single: (samples, channels) in single precision.
+        values: the same as they were.
+        channels: their names.
+
+    Raises:
+        InputError: with the largest one.
+    """
+    lost = ~np.isfinite(single)
+    if lost.any():
+        sample, place = np.argwhere(lost)[0]
+        raise InputError(
+            f"{channels[place]}: {values[sample, place]:g}, in sample {sample}, is larger than any model "
+            "reads (3.4e38 at most); repair the recording"
+        )
 
 
 def require_size(samples: int) -> None:

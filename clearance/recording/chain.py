@@ -13,7 +13,7 @@ import numpy as np
 
 from clearance.errors import InputError
 from clearance.mechanism.parameters import require
-from clearance.recording.recording import RATE_LIMITS
+from clearance.recording.recording import RATE_LIMITS, SAME_RATE
 from clearance.simulation.decimation import Decimation
 
 CHAIN_LIMITS: Mapping[str, tuple[float, float, str]] = {
@@ -92,24 +92,37 @@ class MeasurementChain:
         return np.asarray(signal.sosfiltfilt(sections, values, axis=0, padtype="constant")) / gain**2
 
 
-def declared_chain(chain: object) -> dict[str, Any]:
-    """What a recording declares under ``chain``, completed from the defaults of ``MeasurementChain``."""
+def declared_chain(chain: object, rate: float | None = None) -> dict[str, Any]:
+    """What a recording declares under ``chain``, completed from the defaults of ``MeasurementChain``.
+
+    Args:
+        chain: mapping, or ``None``.
+        rate: of the recording [Hz], at which the chain ends: every n-th sample of the usual base rate, if
+            that gives it; else n times as many. ``None``: that of the defaults.
+    """
     if chain is None:
         chain = {}
     if not isinstance(chain, Mapping):
         raise InputError(f"chain: {str(chain)[:60]!r} is not a mapping; give `name: value` pairs")
-    return {key: chain.get(key, value) for key, value in asdict(MeasurementChain()).items()}
+    usual = asdict(MeasurementChain())
+    if rate is not None:
+        base = chain.get("base_rate", usual["base_rate"])
+        factor = chain.get("decimation", max(1, round(base / rate)))
+        fits = abs(base / factor / rate - 1.0) <= SAME_RATE
+        usual |= {"decimation": factor, "base_rate": base if fits else rate * factor}
+    return {key: chain.get(key, value) for key, value in usual.items()}
 
 
-def chain_differences(declared: object, trained: Mapping[str, Any]) -> str:
+def chain_differences(declared: object, trained: Mapping[str, Any], rate: float | None = None) -> str:
     """In which keys the chain of a recording is not that of a model's training, in words; or nothing.
 
     Args:
         declared: what the recording declares under ``chain``; ``None``: nothing, which is the usual chain
             where the model was trained with that.
         trained: of the model's training, complete.
+        rate: of the recording [Hz].
     """
-    recorded = declared_chain(declared)
+    recorded = declared_chain(declared, rate)
     other = {key: value for key, value in trained.items() if not _equal(recorded[key], value)}
     if other and not declared:
         known = ", ".join(f"chain.{key} = {value}" for key, value in other.items())

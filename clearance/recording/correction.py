@@ -112,6 +112,11 @@ def _restored(signal: np.ndarray, rate: float, delay: float, bandwidth: float | 
     """The signal earlier and before its low-pass, if that can be undone; continued by its mirror image."""
     wide = bandwidth is not None and np.hypot(1.0, 0.5 * rate / bandwidth) <= _LOUDER
     corner = bandwidth if bandwidth is not None and wide else np.inf
+    if abs(delay) * rate >= len(signal):
+        raise InputError(
+            f"sensor delay: {delay:g} s is not shorter than the recording ({len(signal) / rate:g} s); give "
+            "less"
+        )
     if delay == 0.0 and not wide:
         return signal
     mirrored = np.concatenate([signal, signal[::-1]])

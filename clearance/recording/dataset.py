@@ -6,7 +6,7 @@ written again. A run that failed leaves a small file in ``failures`` instead.
 """
 
 import errno
-import json
+import logging
 import os
 import shutil
 from pathlib import Path
@@ -20,6 +20,9 @@ from filelock import FileLock
 from zarr.codecs import Crc32cCodec
 
 from clearance.errors import InputError
+from clearance.whole_files import read_json, write_json
+
+log = logging.getLogger(__name__)
 
 LABELS = ("clearance_b", "clearance_c", "speed")
 _SIGNALS, _LABELS, _FAILURES = "signals", "labels", "failures"
@@ -36,6 +39,7 @@ class Dataset:
         samples: a run.
         runs: planned; see ``available`` for those that are there.
         fingerprint: of the settings that made the runs.
+        simulator: of the sources that did, see ``provenance.simulator``; empty where an older version did.
     """
 
     def __init__(self, path: Path, group: zarr.Group) -> None:
@@ -48,6 +52,7 @@ class Dataset:
         self.rate = float(attributes["rate"])
         self.start_time = float(attributes["start_time"])
         self.fingerprint = str(attributes["fingerprint"])
+        self.simulator = str(attributes.get("simulator", ""))
         self.settings: dict[str, Any] = attributes["settings"]
         self.runs, self.samples, _ = signals.shape
 
@@ -81,6 +86,7 @@ class Dataset:
         start_time: float,
         fingerprint: str,
         settings: dict[str, Any],
+        simulator: str,
     ) -> "Dataset":
         """Open a store for writing, making or growing it where needed.
 
@@ -93,6 +99,7 @@ class Dataset:
             start_time: of the first sample [s].
             fingerprint: of the settings.
             settings: their description, kept for people.
+            simulator: of the sources that run them; runs of others stay, which is told.
 
         Raises:
             InputError: if the folder holds a data set of other settings.
@@ -105,6 +112,7 @@ class Dataset:
                 "start_time": start_time,
                 "fingerprint": fingerprint,
                 "settings": settings,
+                "simulator": simulator,
             }
             _lay_out(folder, labels, (len(labels), samples, len(channels)), attributes)
         dataset = cls.open(folder)
@@ -113,12 +121,21 @@ class Dataset:
             raise InputError(
                 f"dataset = {folder} was made with other settings ({differing}); choose another dataset= path"
             )
+        dataset.compare(simulator)
         if dataset.runs < len(labels):
             with FileLock(folder / "growing.lock"):
                 dataset = cls.open(folder)  # another may have grown it meanwhile, and further
                 if dataset.runs < len(labels):
                     dataset._grow(labels)
         return dataset
+
+    def compare(self, simulator: str) -> None:
+        """Say so where runs were made by other sources than these."""
+        if self.simulator != simulator:
+            log.warning(
+                "%s: its runs were made by another version of the simulator, which may move otherwise; "
+                "delete it and simulate again to have all of this one", self.path,
+            )  # fmt: skip
 
     def _grow(self, labels: np.ndarray) -> None:
         # The signals come last, because their number is the data set's: a kill before leaves the smaller one.
@@ -152,7 +169,8 @@ class Dataset:
         if not folder.is_dir():
             return {}
         return {
-            int(file.stem): json.loads(file.read_text())["reason"] for file in sorted(folder.glob("*.json"))
+            int(file.stem): str(read_json(file, "dataset")["reason"])
+            for file in sorted(folder.glob("[0-9]*.json"))
         }
 
     def missing(self) -> np.ndarray:
@@ -189,9 +207,7 @@ class Dataset:
         """Record that a run failed, so that it is not tried again."""
         folder = self.path / _FAILURES
         folder.mkdir(exist_ok=True)
-        temporary = folder / f".{run}.{os.getpid()}"
-        temporary.write_text(json.dumps({"run": run, "reason": reason}))
-        temporary.replace(folder / f"{run}.json")
+        write_json(folder / f"{run}.json", {"run": run, "reason": reason})
 
     def read(self, run: int, channels: tuple[str, ...] | None = None) -> np.ndarray:
         """Signals of one run, (samples, channels) float32.

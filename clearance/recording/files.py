@@ -114,10 +114,12 @@ def _assemble(table: Table, declaration: Declaration) -> Recording:
     for column, name in enumerate(channels):
         np.multiply(table.columns[found[name]], factors[name], out=values[:, column])
     metadata = {**header.get("metadata", {}), **declaration.metadata}
-    if declaration.sensors:
-        metadata["sensors"] = {name: dict(entry) for name, entry in declaration.sensors.items()}
+    if declaration.sensors:  # of each what the YAML says, else what the file itself does
+        own = metadata.get("sensors", {})
+        said = {name: {**own.get(name, {}), **entry} for name, entry in declaration.sensors.items()}
+        metadata["sensors"] = {**own, **said}
     if declaration.chain:
-        metadata["chain"] = _consistent_chain(declaration.chain, base.rate)
+        metadata["chain"] = _consistent_chain({**metadata.get("chain", {}), **declaration.chain}, base.rate)
     return Recording(values, channels, base.rate, base.start_time, metadata)
 
 
@@ -157,6 +159,13 @@ def _match(table: Table, declaration: Declaration) -> dict[str, str]:
         )
     if unknown:
         raise InputError(_unknown_columns(unknown, declaration))
+    for key in ("units", "scale"):
+        idle = [name for name in getattr(declaration, key) if name not in found]
+        if idle:
+            raise InputError(
+                f"{key}.{idle[0]} in {declaration.name}: the file has no {idle[0]}, only {listing(found)}; "
+                f"correct {key}"
+            )
     if not set(found) - {TIME}:
         raise InputError(
             f"no channel in it, only {listing(everything)}; name the columns under `columns:` in "
@@ -193,10 +202,16 @@ def _own_header(table: Table) -> dict[str, Any]:
         return {}
     try:
         header = json.loads(table.header)
+        metadata = {str(key): value for key, value in header["metadata"].items()}
+        for key in ("sensors", "chain"):
+            if not isinstance(metadata.get(key, {}), dict):
+                raise TypeError(key)
+        if not all(isinstance(entry, dict) for entry in metadata.get("sensors", {}).values()):
+            raise TypeError("sensors")
         return {
             "rate": float(header["rate"]),
             "start_time": float(header["start_time"]),
-            "metadata": {str(key): value for key, value in header["metadata"].items()},
+            "metadata": metadata,
         }
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InputError(
@@ -223,8 +238,8 @@ def _time_base(
 
 
 def _consistent_chain(chain: Mapping[str, float], rate: float) -> dict[str, float]:
-    if "base_rate" in chain and "decimation" in chain:
-        delivered = chain["base_rate"] / chain["decimation"]
+    if "base_rate" in chain:
+        delivered = chain["base_rate"] / chain.get("decimation", max(1, round(chain["base_rate"] / rate)))
         if abs(delivered - rate) > SAME_RATE * rate:  # one clock is declared, the other measured
             raise InputError(
                 f"chain: base_rate / decimation is {delivered:g} Hz, the recording has {rate:g} Hz; "

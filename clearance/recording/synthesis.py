@@ -21,7 +21,7 @@ from clearance.mechanism.drive import Free
 from clearance.mechanism.joint import CLEARANCE_RANGE
 from clearance.mechanism.parameters import require, require_kind, require_list
 from clearance.mechanism.slider_crank import SliderCrank
-from clearance.provenance import describe, fingerprint
+from clearance.provenance import describe, fingerprint, simulator
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.channels import ACCELERATIONS, OTHER_CHANNELS
 from clearance.recording.dataset import Dataset
@@ -189,8 +189,13 @@ class Campaign:
 
     @property
     def fingerprint(self) -> str:
-        """Of everything that decides what a run holds; the number of runs and the device do not."""
+        """Of all settings that decide what a run holds; the number of runs and the device do not."""
         return fingerprint(self.settings)
+
+    @property
+    def folder(self) -> str:
+        """Name of a data set that nobody named: by the settings, and by the simulator that runs them."""
+        return fingerprint([self.fingerprint, simulator()])
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -310,6 +315,7 @@ class Campaign:
             self.record_start,
             self.fingerprint,
             self.settings,
+            simulator(),
         )
         missing = [run for run in dataset.missing().tolist() if run < self.runs and run % parts == part - 1]
         lock = Lock()

@@ -130,11 +130,12 @@ def read_csv(path: Path) -> Table:
         table = pacsv.read_csv(
             path,
             read_options=pacsv.ReadOptions(column_names=names, skip_rows=1),
-            parse_options=pacsv.ParseOptions(delimiter=delimiter),
+            parse_options=pacsv.ParseOptions(delimiter=delimiter, ignore_empty_lines=False),
             convert_options=pacsv.ConvertOptions(
                 column_types={name: pa.string() for name in names}, strings_can_be_null=True, null_values=[""]
             ),
         )
+    table = table.slice(0, _filled(table))  # a blank line between rows is a sample that is missing
     require_size(table.num_rows)
     while not names[-1] and table.column(len(names) - 1).null_count == table.num_rows:
         names.pop()  # of a delimiter that ends each row
@@ -150,6 +151,15 @@ def read_csv(path: Path) -> Table:
         except pa.ArrowInvalid:
             refused[name] = _first_text(table.column(name), text)
     return Table(columns, refused, strict=True)
+
+
+def _filled(table: pa.Table) -> int:
+    """Rows up to the last one in which a column holds something."""
+    last = 0
+    for column in table.columns:
+        filled = pc.indices_nonzero(pc.is_valid(column))
+        last = max(last, filled[-1].as_py() + 1 if len(filled) else 0)
+    return last
 
 
 @contextmanager

@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 
 from clearance.errors import InputError
+from clearance.recording.bounds import require_single
 from clearance.recording.chain import declared_chain
 from clearance.recording.correction import corrected
 from clearance.recording.position import declared_positions, elsewhere
@@ -37,14 +38,18 @@ class MeasuredSource(FixedSource):
         """Read every file of the list."""
         listed = Path(str(self.path))  # a name of digits alone is a number
         entries = _entries(listed)
-        signals, rates, chains, places = [], [], [], []
+        signals, rates, declared, places = [], [], [], []
         digest, used = hashlib.sha256(), 0
         for entry in entries:
             file = listed.parent / str(entry["path"])
             recording = self.read(file)
             try:
-                signals.append(corrected(recording, channels).values.astype(np.float32))
-                chains.append(declared_chain(recording.metadata.get("chain")))
+                values = corrected(recording, channels).values
+                with np.errstate(over="ignore"):
+                    signals.append(values.astype(np.float32))
+                require_single(signals[-1], values, channels)
+                declared_chain(said := recording.metadata.get("chain"))
+                declared.append(said)
                 places.append(declared_positions(recording))
             except InputError as error:
                 raise InputError(f"{file}: {error}") from error
@@ -58,6 +63,7 @@ class MeasuredSource(FixedSource):
                 f"{self.path}: recordings at {sorted(set(rates))} Hz: one common rate is needed (within "
                 f"{SAME_RATE:.1%}); set data.source.path"
             )
+        chains = [declared_chain(said, rate) for said in declared]
         other = next((chain for chain in chains if chain != chains[0]), None)
         if other:
             raise InputError(

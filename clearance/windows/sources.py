@@ -14,7 +14,7 @@ import numpy as np
 
 from clearance.errors import InputError
 from clearance.mechanism.parameters import require
-from clearance.provenance import fingerprint
+from clearance.provenance import fingerprint, simulator
 from clearance.recording.chain import declared_chain
 from clearance.recording.channels import ACCELERATIONS
 from clearance.recording.dataset import LABELS, Dataset
@@ -109,6 +109,7 @@ class StoredSource(FixedSource):
     def load(self, channels: Sequence[str], targets: Sequence[str], limit: int) -> LabelledRecordings:
         """Read every run that is stored and finite."""
         dataset = Dataset.open(str(self.path))
+        dataset.compare(simulator())
         missing = [run for run in dataset.missing() if self.runs is None or run < self.runs]
         if missing:
             log.warning(
@@ -147,7 +148,7 @@ class SimulatedSource(FixedSource):
 
     @property
     def _path(self) -> Path:
-        return Path(str(self.folder)) / self.simulation.fingerprint
+        return Path(str(self.folder)) / self.simulation.folder
 
 
 @dataclass
@@ -197,7 +198,7 @@ class StreamingSource:
             target=labels[:, self._labels],
             speed=labels[:, LABELS.index("speed")],
             groups=np.arange(len(signals)),
-            fingerprint=f"stream-{self.simulation.fingerprint}",
+            fingerprint=f"stream-{self.simulation.folder}",
             chain=asdict(self.simulation.chain),
             positions=mounted(self.simulation.settings),
         )
@@ -245,6 +246,12 @@ def read_dataset(
         available = available[available < runs]
     skip = max(0, round((start_time - dataset.start_time) * dataset.rate))
     samples = dataset.samples - skip
+    if not len(available):
+        raise InputError(
+            f"{dataset.path}: none of its {dataset.runs} runs is there ({len(dataset.failures())} became "
+            "non-finite); repeat the simulate command that makes it, with a smaller integrator.step or "
+            "another machine where they fail"
+        )
     if samples < 1:
         raise InputError(
             f"data.source.start_time={start_time} s: the data set ends at "
@@ -262,7 +269,7 @@ def read_dataset(
         target=np.stack([dataset.labels[target][available] for target in targets], axis=1),
         speed=dataset.labels["speed"][available],
         groups=np.arange(len(available)),
-        fingerprint=fingerprint([dataset.fingerprint, available.tolist()]),
+        fingerprint=fingerprint([dataset.fingerprint, dataset.simulator, available.tolist()]),
         chain=declared_chain(dataset.settings.get("chain")),
         positions=mounted(dataset.settings),
     )

@@ -7,7 +7,7 @@ import pytest
 from clearance.errors import InputError
 from clearance.models.gauge import Gauge
 from clearance.models.interval import robust_mean
-from clearance.recording.chain import declared_chain
+from clearance.recording.chain import chain_differences, declared_chain
 from tests.models.conftest import configured
 
 
@@ -101,12 +101,21 @@ def test_of_a_chain_that_is_not_declared_nothing_is_claimed(trained):
     assert declared.reason.startswith("recorded with chain.base_rate = 100000.0")
 
 
+def test_a_chain_that_is_not_declared_ends_at_the_recording_s_rate():
+    assert declared_chain(None) == declared_chain(None, 10005.0)  # what clocks differ by
+    assert declared_chain(None, 2e4)["decimation"] == 5
+    assert declared_chain({"decimation": 20}, 1e4)["base_rate"] == 2e5
+    assert declared_chain({"base_rate": 1e6}, 1e4)["decimation"] == 100
+    assert not chain_differences({"base_rate": 1e5, "decimation": 5}, declared_chain(None, 2e4), 2e4)
+
+
 @pytest.mark.parametrize(
     ("signals", "rate", "words"),
     [
         (np.zeros((600, 2)), 5e3, "5000 Hz"),
         (np.zeros((59, 2)), 1e4, "59 samples: at least 60"),
         (np.full((600, 2), np.nan), 1e4, "NaN"),
+        (np.full((600, 2), -1e300), 1e4, r": -1e\+300, in sample 0, is larger than any model reads"),
     ],
 )
 def test_an_unusable_recording_is_refused(trained, signals, rate, words):

@@ -41,6 +41,11 @@ def test_a_wide_bandwidth_is_undone_and_a_narrow_one_stays(corner, undone):
     assert (error < 0.1) == undone
 
 
+def test_a_delay_longer_than_the_recording_is_refused():
+    with pytest.raises(InputError, match=r"0\.5 s is not shorter than the recording \(0\.4 s\)"):
+        corrected(truth(metadata={"sensors": {"rod_c_axial": {"delay": 0.5}}}))
+
+
 def test_nothing_declared_changes_nothing():
     recording = truth()
     assert corrected(recording) is recording

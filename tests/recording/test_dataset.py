@@ -15,6 +15,7 @@ from clearance.errors import InputError
 from clearance.mechanism.bearing import Worn
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
+from clearance.provenance import simulator
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.channels import ACCELERATIONS
 from clearance.recording.dataset import Dataset
@@ -142,9 +143,28 @@ def test_a_whole_number_makes_no_other_data_set(tmp_path):
     assert whole.fingerprint == floats.fingerprint
     gravity = replace(floats, mechanism=replace(SliderCrank(), gravity=(0, -9)))
     made = (tmp_path / "data", gravity.labels([0]), ("rod_b_axial",), 10, 10.0, 0.0)
-    Dataset.create(*made, gravity.fingerprint, gravity.settings)
+    Dataset.create(*made, gravity.fingerprint, gravity.settings, simulator())
     same = replace(gravity, mechanism=replace(SliderCrank(), gravity=(0.0, -9.0)))
-    Dataset.create(*made, same.fingerprint, same.settings)
+    Dataset.create(*made, same.fingerprint, same.settings, simulator())
+
+
+def test_runs_of_another_simulator_are_told(tmp_path, caplog):
+    one = replace(SMALL, runs=1)
+    made = (
+        tmp_path / "data",
+        one.labels([0]),
+        ("rod_b_axial",),
+        10,
+        10.0,
+        0.0,
+        one.fingerprint,
+        one.settings,
+    )
+    Dataset.create(*made, "an older one")
+    assert not caplog.records
+    Dataset.create(*made, simulator())
+    assert "made by another version of the simulator" in caplog.text
+    assert one.folder not in (one.fingerprint, replace(one, seed=2).folder)
 
 
 @pytest.mark.parametrize(

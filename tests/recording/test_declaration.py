@@ -52,6 +52,35 @@ def test_the_declaration_maps_converts_and_describes(tmp_path):
     assert read(tmp_path / "copy.parquet").metadata == recording.metadata
 
 
+def test_the_declaration_adds_to_what_the_file_itself_says(tmp_path):
+    own = {
+        "sensors": {"rod_b_axial": {"gain": 1.1, "bias": 0.2}, "rod_c_axial": {"gain": 0.9}},
+        "chain": {"base_rate": 5e3, "decimation": 5},
+    }
+    values = np.random.default_rng(0).normal(size=(SAMPLES, 2))
+    write(Recording(values, ("rod_b_axial", "rod_c_axial"), 1e3, 0.0, own), tmp_path / "run.parquet")
+    declare(tmp_path / "run.parquet", sensors={"rod_b_axial": {"bias": 0.3}}, chain={"ripple_db": 0.1})
+    assert read(tmp_path / "run.parquet").metadata == {
+        "sensors": {"rod_b_axial": {"gain": 1.1, "bias": 0.3}, "rod_c_axial": {"gain": 0.9}},
+        "chain": {"base_rate": 5e3, "decimation": 5, "ripple_db": 0.1},
+    }
+
+
+@pytest.mark.parametrize("sensors", [[1], {"rod_b_axial": None}])
+def test_sensors_in_the_file_that_are_no_mapping_are_a_damaged_header(tmp_path, sensors):
+    recording = Recording(np.zeros((SAMPLES, 1)), ("rod_b_axial",), 1e3, 0.0, {"sensors": sensors})
+    write(recording, tmp_path / "run.parquet")
+    with pytest.raises(InputError, match="header under 'clearance' in its schema is damaged"):
+        read(tmp_path / "run.parquet")
+
+
+@pytest.mark.parametrize("key", ["units", "scale"])
+def test_a_unit_or_scale_of_a_channel_that_the_file_lacks_is_refused(csv, key):
+    declare(csv, **{key: {"slider_vertical": "g" if key == "units" else 2.0}})
+    with pytest.raises(InputError, match=rf"{key}\.slider_vertical in run\.yaml: the file has no"):
+        read(csv)
+
+
 def test_a_rate_stands_in_for_a_time_column(tmp_path):
     write_csv(tmp_path / "run.csv", {"rod_b_axial": B})
     recording = read(declare(tmp_path / "run.csv", rate="2.5e3"))

@@ -85,6 +85,15 @@ def test_a_bad_csv_is_one_line(tmp_path, text, message):
     assert "\n" not in str(caught.value)
 
 
+def test_a_blank_line_between_rows_is_a_sample_that_is_missing(tmp_path):
+    (tmp_path / "run.yaml").write_text("rate: 1000")
+    (tmp_path / "run.csv").write_text("rod_b_axial\n1\n2\n3\n\n\n")
+    assert read(tmp_path / "run.csv").values[:, 0].tolist() == [1.0, 2.0, 3.0]
+    (tmp_path / "run.csv").write_text("rod_b_axial\n1\n\n3\n")
+    with pytest.raises(InputError, match=r"in sample 1 at 0\.001 s"):
+        read(tmp_path / "run.csv")
+
+
 @pytest.mark.parametrize("end", [",", ",,"])
 def test_a_delimiter_at_the_end_of_each_row_is_no_column(tmp_path, end):
     rows = ("time,rod_b_axial", "0,1", "0.01,2", "0.02,4")
