@@ -108,7 +108,7 @@ def _campaign(cfg: DictConfig) -> Campaign:
 SUITES = {"simulator": simulator, "together": trainings_together, "gpu": simulator_on_gpu}
 
 
-@command("bench")
+@command("bench", resumes=False)
 def main(cfg: DictConfig) -> None:
     """Measure and print the table."""
     whole(cfg.workers, "workers", 1)

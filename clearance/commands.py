@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import deepcopy
 from functools import wraps
-from types import FrameType
+from types import FrameType, MappingProxyType
 from typing import Any, NoReturn
 
 import hydra
@@ -50,7 +50,9 @@ def refuse(unused: Mapping[str, str]) -> None:
             raise InputError(f"{one}: {unused[group]}; leave {group} out")
 
 
-def command(name: str, resumes: bool = True) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:
+def command(
+    name: str, resumes: bool = True, unused: Mapping[str, str] = MappingProxyType({})
+) -> Callable[[Callable[[DictConfig], Any]], Callable[[], Any]]:
     """Make a function of a configuration into a command with Hydra's command line.
 
     A wrong input ends the command with one line on standard error and exit code 2; so does a full disk. Asked
@@ -60,6 +62,7 @@ def command(name: str, resumes: bool = True) -> Callable[[Callable[[DictConfig],
     Args:
         name: of the file in ``conf/``.
         resumes: whether what was done before an interruption is kept and gone on from.
+        unused: groups of keys in that file that are refused, see ``refuse``.
     """
 
     def decorate(task: Callable[[DictConfig], Any]) -> Callable[[], Any]:
@@ -69,6 +72,7 @@ def command(name: str, resumes: bool = True) -> Callable[[Callable[[DictConfig],
             several = HydraConfig.get().mode is RunMode.MULTIRUN
             alone = _failing_alone(deepcopy(cfg)) if several else _reported(deepcopy(cfg), resumes)
             with alone:
+                refuse(unused)
                 return task(cfg)
 
         run = hydra.main(version_base="1.3", config_path=str(CONFIGURATION), config_name=name)(guarded)
@@ -83,7 +87,7 @@ def command(name: str, resumes: bool = True) -> Callable[[Callable[[DictConfig],
             try:
                 with _reported(resumes=resumes):
                     if {"--help", "-h"} & set(sys.argv[1:]):
-                        sys.stdout.write(help_text(name))
+                        sys.stdout.write(help_text(name, unused))
                         return None
                     set_defaults_of_plugins()
                     for argument in sys.argv[1:]:
@@ -164,7 +168,8 @@ def _failing_alone(cfg: DictConfig) -> Iterator[None]:
 
 
 def _interrupted(cfg: DictConfig | None, resumes: bool) -> NoReturn:
-    if not resumes:
+    forgetful = cfg is not None and "finished" in cfg and cfg.finished is None
+    if forgetful or not resumes:
         sys.stderr.write("interrupted; nothing was kept: the same command begins anew\n")
         raise SystemExit(130) from None
     anew = cfg is not None and cfg.get("resume") is False

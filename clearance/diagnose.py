@@ -57,17 +57,18 @@ UNUSED = {
 """What decides how a recording is simulated, and is not asked of one that was made."""
 _NO_SENSORS = {"sensors": "without accelerometers every channel is used"}
 _TOGETHER, _TOGETHER_IN_MOTION = 2, 5  # effects that are looked for at once: there a fit takes a second
+_FASTEST = 20_000.0  # rpm
 _MOST = 999  # simulations: some seconds each
 _BESIDE = """What the accelerometers were found to do.
 As NAME.yaml beside another recording NAME.parquet of theirs it is undone where that is read."""
+_WRITTEN = ("diagnosis.json", "report.html", "corrected.yaml", "sensors.yaml")
 _HELD_OUT = 1.0 / 3.0  # of each recording, where no other ones are held out
 
 
-@command("diagnose")
+@command("diagnose", unused=UNUSED)
 @threadpool_limits.wrap(limits=1, user_api="blas")  # its threads wait for each other busily where others work
 def main(cfg: DictConfig) -> None:
     """Diagnose recordings; write ``diagnosis.json``, ``report.html`` and ``corrected.yaml``."""
-    refuse(UNUSED)
     folder = Path(HydraConfig.get().runtime.output_dir)
     joint = str(cfg.joint.name)
     if joint not in (*JOINTS, UNKNOWN):
@@ -77,10 +78,9 @@ def main(cfg: DictConfig) -> None:
         )
     nominal = instantiate(cfg.mechanism, _convert_="all")
     settings = [Setting(nominal, one) for one in (JOINTS if joint == UNKNOWN else [joint])]
-    hypotheses: Any = (
-        OmegaConf.to_container(cfg.hypotheses) if OmegaConf.is_list(cfg.hypotheses) else cfg.hypotheses
-    )
-    effects = [effect.around(nominal) for effect in load_effects(hypotheses, list(cfg.without))]
+    hypotheses = _names("hypotheses", cfg.hypotheses)
+    without = _names("without", cfg.without)
+    effects = [effect.around(nominal) for effect in load_effects(hypotheses, without)]
     if not effects:
         raise InputError(f"hypotheses = {hypotheses}: nothing is left to try; change hypotheses or without")
     low, high = _speeds(cfg.speed_range)
@@ -104,6 +104,9 @@ def main(cfg: DictConfig) -> None:
         )
     recordings, held_out = _read("recordings", fitting), _read("held_out", judging)
     _require_in_place({**recordings, **held_out}, nominal)
+
+    for earlier in _WRITTEN:  # another run's are not this one's, should it be killed
+        (folder / earlier).unlink(missing_ok=True)
 
     def keep(explanation: Explanation | Findings) -> None:
         write_json(folder / "progress.json", plain(_tried(explanation)))
@@ -163,12 +166,23 @@ def main(cfg: DictConfig) -> None:
     log.info("verdict: %s; written to %s", outcome.diagnosis["verdict"], folder)
 
 
+def _names(key: str, given: Any) -> list[str]:
+    """One name, or a list of them."""
+    names = [given] if isinstance(given, str) else list(given) if OmegaConf.is_list(given) else [None]
+    if not all(isinstance(name, str) for name in names):
+        raise InputError(f"{key} = {given!r} is no name or list of names; change {key}")
+    return names
+
+
 def _speeds(given: Any) -> tuple[float, float]:
     """The range of speeds [rad/s] from rpm."""
     values = list(given) if OmegaConf.is_list(given) else [given]
     numbers = [v for v in values if isinstance(v, int | float) and not isinstance(v, bool)]
-    if len(values) != 2 or len(numbers) != 2 or not 0.0 < numbers[0] < numbers[1]:
-        raise InputError(f"speed_range = {values} is not two rising speeds above 0 rpm; change speed_range")
+    if len(values) != 2 or len(numbers) != 2 or not 0.0 < numbers[0] < numbers[1] <= _FASTEST:
+        raise InputError(
+            f"speed_range = {values} is not two rising speeds above 0 and up to {_FASTEST:g} rpm; change "
+            "speed_range"
+        )
     return numbers[0] * pi / 30.0, numbers[1] * pi / 30.0
 
 
@@ -329,19 +343,19 @@ def _write(
 ) -> None:
     """Write what was found; what sensors do on top of what was declared is no declaration by itself."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_json(folder / "diagnosis.json", plain(outcome.diagnosis))  # a number that nobody knows is null
     write_mechanism(folder / "corrected.yaml", outcome.machine, "\n".join(outcome.diagnosis["summary"]))
-    if outcome.diagnosis.get("sensors") and not declared_before:
+    kept = bool(outcome.diagnosis.get("sensors")) and not declared_before
+    if kept:
         write_sensors(folder / "sensors.yaml", declared(outcome.diagnosis["sensors"]), _BESIDE)
-    else:  # an earlier run's are not this one's
-        (folder / "sensors.yaml").unlink(missing_ok=True)
-    write_report(folder / "report.html", outcome.diagnosis, outcome.evidence)
+    write_report(folder / "report.html", outcome.diagnosis, {**outcome.evidence, "sensors_file": kept})
     events = EventFileWriter(str(folder))  # of TensorBoard alone: torch takes seconds to be imported
-    for row in _tried(outcome.explanation):
+    for step, row in enumerate(_tried(outcome.explanation)):
         for tag, number in (("misfit", row["misfit"]), ("clearance", row["clearance_m"])):
             value = Summary.Value(tag=f"{tag}/{row['name']}", simple_value=number)
-            events.add_event(Event(wall_time=time.time(), summary=Summary(value=[value])))
+            events.add_event(Event(wall_time=time.time(), step=step, summary=Summary(value=[value])))
     events.close()
+    # last: where it lies, the others do; a number that nobody knows is null
+    write_json(folder / "diagnosis.json", plain(outcome.diagnosis))
 
 
 def _tried(explanation: Explanation | Findings) -> list[dict[str, Any]]:

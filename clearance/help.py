@@ -4,7 +4,7 @@ Hydra's own page lists every group there is and every number of the machine, wit
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from itertools import takewhile
 from pathlib import Path
 
@@ -26,10 +26,10 @@ _MORE = """\
 """
 
 
-def help_text(name: str) -> str:
-    """The page of the command whose configuration is ``conf/NAME.yaml``."""
+def help_text(name: str, unused: Collection[str] = ()) -> str:
+    """The page of the command whose configuration is ``conf/NAME.yaml``, without groups that it refuses."""
     lines = _lines(CONFIGURATION / f"{name}.yaml")
-    groups = dict(_groups(lines))
+    groups = {group: about for group, about in _groups(lines) if group not in unused}
     changed: dict[str, str] = {}
     if "experiment" in groups:
         known = {key.split(".")[0] for key, _, _ in _entries(lines)} | set(groups)

@@ -13,7 +13,7 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
 
-from clearance.commands import command, refuse, threads
+from clearance.commands import command, threads
 from clearance.configuration import set_key, with_mechanism_path
 from clearance.diagnosis.hypotheses.hypothesis import JOINTS, Setting
 from clearance.diagnosis.judging.placement import Conditions, expected_errors, subsets
@@ -25,17 +25,17 @@ from clearance.recording.channels import ACCELERATIONS
 from clearance.whole_files import write_atomically, write_json
 
 log = logging.getLogger(__name__)
+_UNUSED = {"integrator": "sensors are compared by Runge-Kutta's fourth order in steps of 10 µs"}
 _SHOWN = 3  # sets of each size
 _OWN = ("sensors", "most", "best", "workers", "conditions")  # of a ranking, which a training has not
 
 
-@command("placement", resumes=False)
+@command("placement", resumes=False, unused=_UNUSED)
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def main(cfg: DictConfig) -> None:
     """Rank the sets, show the best of each size, write ``placement.json`` and ``placement.png``."""
     folder = Path(HydraConfig.get().runtime.output_dir)
     asked = list(HydraConfig.get().overrides.task)
-    refuse({"integrator": "sensors are compared by Runge-Kutta's fourth order in steps of 10 µs"})
     joint = str(cfg.joint.name)
     if joint not in JOINTS:
         raise InputError(

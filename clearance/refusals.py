@@ -23,7 +23,11 @@ _HINTS = {
     re.compile(r"(no viable alternative|mismatched input|extraneous input).*="): (
         "; inside a list or mapping, a value with = needs quotes: 'key=[\"a=1\"]'"
     ),
-    re.compile(r"no viable alternative at input '[^=]*$"): "; brackets, braces and quotes must be closed",
+    re.compile(r"no viable alternative at input '[^=()]*$"): "; brackets, braces and quotes must be closed",
+    re.compile(r"LexerNoViableAlt|token recognition error|no viable alternative at input '[^=]*[()]"): (
+        "; inside a list or mapping, a name with ( ) & # or letters such as ü needs quotes: "
+        "'recordings=[\"run (1).csv\"]'"
+    ),
     re.compile(r"missing EQUAL"): "; write KEY=VALUE",
     re.compile(r"Could not find 'hydra/(launcher|sweeper)/"): (
         "; joblib, submitit_slurm and optuna come with pip install '.[sweeps]'"

@@ -225,10 +225,11 @@ def test_an_interrupted_training_anew_does_not_promise_that_the_same_command_goe
 
 
 def test_a_command_that_keeps_nothing_does_not_promise_to_go_on(capsys):
-    with pytest.raises(SystemExit) as left, _reported(resumes=False):
-        raise KeyboardInterrupt
-    assert left.value.code == 130
-    assert capsys.readouterr().err == "interrupted; nothing was kept: the same command begins anew\n"
+    for settings in ({"resumes": False}, {"cfg": OmegaConf.create({"finished": None})}):
+        with pytest.raises(SystemExit) as left, _reported(**settings):
+            raise KeyboardInterrupt
+        assert left.value.code == 130
+        assert capsys.readouterr().err == "interrupted; nothing was kept: the same command begins anew\n"
 
 
 def test_an_error_that_ctrl_c_caused_is_reported_as_an_interruption(capsys):

@@ -3,6 +3,7 @@
 import pytest
 
 from clearance.configuration import CONFIGURATION
+from clearance.diagnose import UNUSED
 from clearance.help import help_text
 
 COMMANDS = sorted(path.stem for path in CONFIGURATION.glob("*.yaml") if path.stem != "machine")
@@ -22,6 +23,13 @@ def test_a_command_says_what_it_is_for_shows_an_example_and_explains_its_keys(na
 def test_predict_says_that_it_takes_a_folder():
     assert "recordings=???" in help_text("predict")
     assert "or a folder of them" in help_text("predict")
+
+
+def test_groups_that_a_command_refuses_are_not_offered():
+    assert "  integrator=" in help_text("diagnose")
+    text = help_text("diagnose", UNUSED)
+    assert all(f"  {group}=" not in text for group in UNUSED)
+    assert "  joint=" in text
 
 
 def test_keys_and_comments_are_the_files_own():

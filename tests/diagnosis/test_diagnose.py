@@ -197,7 +197,12 @@ def recordings(tmp_path_factory):
     [
         (("joint=both",), "joint=B, joint=C or joint=unknown"),
         (("hypotheses=[gide_friction]",), "guide_friction"),
-        (("hypotheses=[gravity]", "without=[gravity]"), "change hypotheses or without"),
+        (("hypotheses=[gravity]", "without=gravity"), "change hypotheses or without"),
+        (("hypotheses=null",), "hypotheses = None is no name or list of names"),
+        (("without=5",), "without = 5 is no name or list of names"),
+        (("recordings=a.parquet", "speed_range=[150,inf]"), "two rising speeds above 0 and up to 20000 rpm"),
+        (("recordings=[run (1).csv]",), "needs quotes: 'recordings=["),
+        (("recordings=[Prüfung.csv]",), "needs quotes: 'recordings=["),
         (("recordings=[nowhere.parquet]",), "nowhere.parquet"),
         (("recordings=a.parquet", "speed_range=[3000,150]"), "speed_range = [3000, 150]"),
         (("recordings=a.parquet", "speed_range=[abc,150]"), "speed_range = ['abc', 150]"),

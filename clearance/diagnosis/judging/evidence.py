@@ -18,6 +18,7 @@ from clearance.diagnosis.searching.significance import p_value
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.diagnosis.shooting.follow import alike
 from clearance.mechanism.slider_crank import SliderCrank
+from clearance.recording.channels import si_unit
 from clearance.simulation.layout import Signal, State
 
 SHOWN = 1500  # samples of an overlay
@@ -200,11 +201,11 @@ def _overlays(before: Attempt, after: Attempt) -> list[dict[str, Any]]:
         aligned = others.shape == recorded.shape and bool(np.allclose(others[..., i], recorded[..., i]))
         found.append(
             {
-                "channel": channel, "unit": "m/s²" if measured.signals[i] < Signal.CRANK_ANGLE else "",
+                "channel": channel, "unit": si_unit(channel),
                 "time_s": (np.arange(n * SAMPLES) / measured.chain.rate).round(7).tolist(),
-                "recorded": shift[..., i].ravel().round(4).tolist(),
-                "before": one.predicted[:n, :, i].ravel().round(4).tolist() if aligned else None,
-                "after": seen[:n, :, i].ravel().round(4).tolist(),
+                "recorded": shift[..., i].ravel().tolist(),
+                "before": one.predicted[:n, :, i].ravel().tolist() if aligned else None,
+                "after": seen[:n, :, i].ravel().tolist(),
             }
         )  # fmt: skip
     return found

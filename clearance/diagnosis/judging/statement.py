@@ -66,7 +66,8 @@ def state(
     body, direction = place_of(explanation, after)
     (clearance, rests_on), others = clearance_of(explanation), rivals(verdict, explanation)
     named = effects_of(best, probabilities(explanation), basis) if verdict not in ("none", "unknown") else []
-    sensors, further = calibrated_sensors(best), _next_experiments(search, explanation, others)
+    sensors = calibrated_sensors(best) if explained(best) else {}  # what is missing would bend them
+    further = _next_experiments(search, explanation, others)
     score = explanation.hints[0].gain if explanation.hints else None
     shows = noticed(where["channels"])
     simulations = 0 if explanation.simulated is None else len(explanation.simulated)
@@ -75,7 +76,7 @@ def state(
         "summary": [
             *sentences(verdict, explanation, joint, fit, shows or list(where["channels"])[:1], after),
             *located(joints),
-            *([largest(sensors)] if sensors and explained(best) else []),
+            *([largest(sensors)] if sensors else []),
             *([further["next_experiment"]] if further["next_experiment"] else []),
         ],
         "mismatch": {
@@ -87,6 +88,7 @@ def state(
         },
         "effects": named,
         "equivalent": [[h.name for h in a.hypotheses] for a in others] if len(others) > 1 else [],
+        "equivalent_channels": [[h.channel for h in a.hypotheses] for a in others] if len(others) > 1 else [],
         **further,
         "free_form": free_form_of(best, setting, explanation.shaken),
         "sensors": sensors,
@@ -104,6 +106,12 @@ def state(
                 "held_out_seconds": sum(o.seconds for o in judged.held_out if o.name == one.name),
             }
             for r, one in enumerate(search.recordings)
+        ] + [
+            {
+                "name": one.name, "seconds": 0.0, "rate_hz": one.chain.rate, "channels": list(one.channels),
+                "speed_rpm": None, "held_out_seconds": one.seconds,
+            }
+            for one in judged.held_out if one.name not in {fitted.name for fitted in search.recordings}
         ],
         "warnings": [
             *_of_signals([*search.recordings, *held_out]),

@@ -62,9 +62,9 @@ class Judged:
 
 def scaled(found: Fit, tracks: Sequence[Track], about: Explained, noise: np.ndarray) -> list[np.ndarray]:
     """Residuals over the noise; channels that a recording lacks count as noise."""
-    scaled = []
+    scaled, generator = [], np.random.default_rng(0)
     for track, rest in zip(tracks, found.residuals, strict=True):
-        values = np.ones((len(rest), len(about.channels)))
+        values = generator.standard_normal((len(rest), len(about.channels)))
         for i, channel in enumerate(about.channels):
             if channel in track.channels:
                 values[:, i] = rest[:, track.channels.index(channel)] / noise[i]

@@ -70,6 +70,10 @@ def state(
     names = [
         *(t.name for t in best.terms), *([zero.name] if findings.zero and zero is not None else [])
     ]  # fmt: skip
+    channels = [
+        *(t.effect.channel or None for t in best.terms),
+        *([zero.channel] if findings.zero and zero is not None else []),
+    ]
     table = None if findings.left is None else described(findings.left)
     first = asserted[0][0] if asserted else None
     body, direction = (first.place(joint), first.direction) if first else (None, None)
@@ -87,6 +91,8 @@ def state(
         },
         "effects": [] if verdict in ("none", "unknown") else [described for _, _, described in asserted],
         "equivalent": [names, *([t.name for t in a.terms] for a in alike)] if alike else [],
+        "equivalent_channels": [channels, *([t.effect.channel or None for t in a.terms] for a in alike)]
+        if alike else [],
         "next_experiment": _next_experiment(alike, search.tracks),
         "free_form": table,
         "fit": {"metric": METRIC, "held_out": shown},
@@ -96,7 +102,7 @@ def state(
         "recordings": [
             _about(name, search, best.fit, after.tracks, turned)
             for name in dict.fromkeys(track.name for track in search.tracks)
-        ],
+        ] + _only_held_out(search, after.tracks),
         "warnings": _warnings(search),
     }  # fmt: skip
 
@@ -145,6 +151,19 @@ def _about(
         "stretch_seconds": tracks[0].seconds if search.turns is not None else None,
         "held_out_seconds": sum(o.seconds for o in held_out if o.name == name),
     }  # fmt: skip
+
+
+def _only_held_out(search: Search, held_out: Sequence[Track]) -> list[dict[str, Any]]:
+    """Recordings of which nothing was fitted."""
+    fitted = {track.name for track in search.tracks}
+    others = {track.name: track for track in held_out if track.name not in fitted}
+    return [
+        {
+            "name": name, "seconds": 0.0, "rate_hz": track.rate, "channels": list(track.channels),
+            "speed_rpm": None, "held_out_seconds": sum(o.seconds for o in held_out if o.name == name),
+        }
+        for name, track in others.items()
+    ]  # fmt: skip
 
 
 def _warnings(search: Search) -> list[str]:

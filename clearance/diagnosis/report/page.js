@@ -62,7 +62,7 @@ function head() {
 
   const speed = (value, path) => (Array.isArray(value) ? join(value.map((_, index) => number([...path, index])), "–") : number(path));
   if (recordings.length) document.getElementById("recording-table").append(h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Recordings" }, h("table", {},
-    h("thead", {}, h("tr", {}, ["Recording", "Length [s]", "Held out [s]", "Rate [Hz]", "Speed [rpm]", "Channels"].map((name, index) => h("th", { class: index > 0 && index < 5 ? "right" : "" }, name)))),
+    h("thead", {}, h("tr", {}, ["Recording", "Fitted [s]", "Held out [s]", "Rate [Hz]", "Speed [rpm]", "Channels"].map((name, index) => h("th", { class: index > 0 && index < 5 ? "right" : "" }, name)))),
     h("tbody", {}, recordings.map((recording, index) => h("tr", {}, h("th", { scope: "row" }, String(recording?.name ?? "")),
       ["seconds", "held_out_seconds", "rate_hz", "speed_rpm"].map((key) => h("td", { class: "right" }, speed(recording?.[key], ["recordings", index, key]))),
       h("td", { class: "channels" }, list(recording?.channels).map(words).join(", "))))))));
@@ -159,13 +159,14 @@ function parameters(parent, values, path, source, style = "after") {
 // ---- what else
 
 function else_() {
-  const groups = list(DIAGNOSIS.equivalent).map(list).filter((group) => group.length), next = DIAGNOSIS.next_experiment;
+  const whose = (names, i) => names.map((name, j) => [name, list(DIAGNOSIS.equivalent_channels)[i]?.[j]]);
+  const groups = list(DIAGNOSIS.equivalent).map(list).map(whose).filter((group) => group.length), next = DIAGNOSIS.next_experiment;
   const followed = list(DIAGNOSIS.effects).some((effect) => ["prediction", "fitted recordings and motion", undefined].includes(effect.basis));
   if (!groups.length && !next && !followed) return;
   const block = section("else", "What else it could be");
   if (groups.length) {
     block.append(h("p", { class: "lead" }, "These explain the recordings equally well; these sensors cannot tell them apart:"));
-    block.append(h("div", { class: "alternatives" }, join(groups.map((group) => h("span", { class: "alternative" }, group.map(words).join(" + "))), " or ").map((part) => (typeof part === "string" ? h("span", { class: "or" }, "or") : part))));
+    block.append(h("div", { class: "alternatives" }, join(groups.map((group) => h("span", { class: "alternative" }, group.map(([name, channel]) => words(name) + (channel ? ` of ${words(channel)}` : "")).join(" + "))), " or ").map((part) => (typeof part === "string" ? h("span", { class: "or" }, "or") : part))));
   } else if (followed) block.append(h("p", { class: "lead" }, "Nothing else that was tried explains these recordings as well."));
   if (next) block.append(h("div", { class: "next" }, h("h3", {}, groups.length ? "The recording that would tell" : "The next recording worth making"), h("p", {}, String(next)), experiments()));
 }

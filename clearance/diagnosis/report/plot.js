@@ -70,13 +70,15 @@ function linePath(xs, ys, sx, sy, from, to) {
 }
 
 function bandPath(xs, low, high, sx, sy) {
-  const there = [], back = [];
+  let there = [], back = [], path = "";
+  const close = () => { if (there.length) path += `M${there.join("L")}L${back.reverse().join("L")}Z`; there = []; back = []; };
   xs.forEach((x, index) => {
-    if (!isNumber(x) || !isNumber(low[index]) || !isNumber(high[index])) return;
+    if (!isNumber(x) || !isNumber(low[index]) || !isNumber(high[index])) return close(); // nothing is known there
     there.push(`${sx(x).toFixed(1)} ${sy(high[index]).toFixed(1)}`);
     back.push(`${sx(x).toFixed(1)} ${sy(low[index]).toFixed(1)}`);
   });
-  return there.length ? `M${there.join("L")}L${back.reverse().join("L")}Z` : "";
+  close();
+  return path;
 }
 
 function nearest(xs, x) { // xs ascending
@@ -295,10 +297,11 @@ function bars(parent, label, rows, { source = "diagnosis", rule = null, unit = "
 function intervalBar(parent, label, { value, low, high, off = 0 }, style = "after") {
   const ends = extent([value, low, high, off]);
   if (!isNumber(value) || !(ends[1] > ends[0])) return;
-  figure(parent, `${label}: ${text(value, 3)}, 95 % interval ${text(low, 3)} to ${text(high, 3)}, off at ${text(off, 3)}`, (width) => {
+  const where = isNumber(off) ? `off at ${text(off, 3)}` : "off at infinity";
+  figure(parent, `${label}: ${text(value, 3)}, 95 % interval ${text(low, 3)} to ${text(high, 3)}, ${where}`, (width) => {
     const pad = (ends[1] - ends[0]) * 0.08, x = axis([ends[0] - pad, ends[1] + pad], [6, width - 6]);
-    const svg = canvas(width, 34, s("line", { class: "track", x1: 6, x2: width - 6, y1: 11, y2: 11 }),
-      s("line", { class: "off", x1: x(off), x2: x(off), y1: 4, y2: 18 }),
+    const svg = canvas(width, 34, s("line", { class: "track", x1: 6, x2: width - 6, y1: 11, y2: 11 }));
+    if (isNumber(off)) svg.append(s("line", { class: "off", x1: x(off), x2: x(off), y1: 4, y2: 18 }),
       s("text", { class: "tick", x: x(off), y: 31, "text-anchor": x(off) > width - 20 ? "end" : x(off) < 14 ? "start" : "middle" }, off === 0 ? "0, off" : `${text(off, 3)}, off`));
     if (isNumber(low) && isNumber(high)) svg.append(s("line", { class: `span ${style}`, x1: x(low), x2: Math.max(x(high), x(low) + 1), y1: 11, y2: 11 }));
     svg.append(s("circle", { class: `mark ${style}`, cx: x(value), cy: 11, r: 5.5 }));

@@ -6,7 +6,7 @@ function sensors() {
   const found = dict(DIAGNOSIS.sensors), channels = Object.keys(found);
   if (!channels.length) return;
   const kinds = Object.keys(DEEDS).filter((kind) => channels.some((name) => isNumber(dict(found[name])[kind]?.value)));
-  const block = section("sensors", "What the sensors do", "Within 1.5 times the tolerances that were given, each accelerometer was calibrated by the same fit. Delays count from the crank angle, or from the sensor that shows none. sensors.yaml holds these values for other recordings.");
+  const block = section("sensors", "What the sensors do", "Within 1.5 times the tolerances that were given, each accelerometer was calibrated by the same fit. Delays count from the crank angle, or from the sensor that shows none." + (EVIDENCE.sensors_file ? " sensors.yaml holds these values for other recordings." : ""));
   const cell = (name, kind) => {
     const [, scale, unit] = DEEDS[kind], one = dict(found[name])[kind], path = ["sensors", name, kind];
     if (!isNumber(one?.value)) return h("td", { class: "right" }, "–");

@@ -8,7 +8,7 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig
 from threadpoolctl import threadpool_limits
 
-from clearance.commands import command, refuse
+from clearance.commands import command
 from clearance.diagnose import UNUSED
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.errors import InputError
@@ -28,11 +28,10 @@ METHODS = {
 """How each judges, and of how many seconds of each recording."""
 
 
-@command("baseline")
+@command("baseline", unused=UNUSED)
 @threadpool_limits.wrap(limits=1, user_api="blas")  # its threads wait for each other busily where others work
 def main(cfg: DictConfig) -> None:
     """Judge recordings as one baseline does; write ``diagnosis.json``."""
-    refuse(UNUSED)
     folder, joint = Path(HydraConfig.get().runtime.output_dir), str(cfg.joint.name)
     if cfg.method not in METHODS:
         raise InputError(f"method = {cfg.method!r} is unknown; choose from {', '.join(METHODS)}")

@@ -59,6 +59,48 @@ def test_parts_come_in_order_and_every_picture_has_words(show, name):
     assert not [drawn for _, drawn in pictures if re.search("NaN|undefined|Infinity", drawn)]
 
 
+def test_faults_that_cannot_be_told_apart_are_told_with_their_channels(show):
+    diagnosis, evidence = EXAMPLES["physics"]()
+    diagnosis["equivalent"] = [["sensor_gain"], ["sensor_gain", "gravity"]]
+    diagnosis["equivalent_channels"] = [["rod_b_axial"], ["rod_c_axial", None]]
+    shown = show(diagnosis, evidence).every(".alternative", "one.innerText")
+    assert shown == ["sensor gain of rod b axial", "sensor gain of rod c axial + gravity"]
+
+
+def test_what_is_off_at_infinity_has_no_mark_at_zero(show):
+    diagnosis, evidence = EXAMPLES["physics"]()
+    resonance = {"value": 2000.0, "low": 300.0, "high": 6000.0, "unit": "Hz", "off": None}
+    diagnosis["effects"][0]["parameters"] = {"frequency": resonance}
+    page = show(diagnosis, evidence)
+    (words,) = [
+        text for text in page.every("svg", "one.getAttribute('aria-label')") if "off at" in (text or "")
+    ][:1]
+    assert words.endswith("off at infinity")
+    assert not page.every("svg[aria-label$='off at infinity'] .off", "1")
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_a_file_of_what_sensors_do_is_told_of_where_it_was_written(show, kept):
+    diagnosis, evidence = EXAMPLES["physics"]()
+    diagnosis["sensors"] = {"rod_b_axial": {"gain": {"value": 1.01, "low": 1.0, "high": 1.02, "unit": ""}}}
+    text = show(diagnosis, {**evidence, "sensors_file": kept}).run(
+        "document.querySelector('#sensors').innerText"
+    )
+    assert ("sensors.yaml" in text) == kept
+
+
+def test_a_band_ends_where_nothing_is_known(show):
+    diagnosis, evidence = EXAMPLES["unknown"]()
+    force = evidence["free_form"] = dict(diagnosis["free_form"])
+    pieces = []
+    for unknown in (None, len(force["table"]) // 2):
+        for key, by in (("low", -1.0), ("high", 1.0)):
+            force[key] = [None if i == unknown else value + by for i, (_, value) in enumerate(force["table"])]
+        drawn = show(diagnosis, evidence).every("#curve path.band", "one.getAttribute('d')")
+        pieces.append(sum(path.count("M") for path in drawn))
+    assert pieces == [1, 2]
+
+
 def _reduced():
     """Diagnoses with less and less in them."""
     yield "nothing", ({}, {})
