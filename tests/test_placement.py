@@ -1,6 +1,7 @@
 """The command that ranks sensors: what it writes, what it says, what it refuses."""
 
 import json
+import shlex
 
 import pytest
 
@@ -97,3 +98,6 @@ def test_what_to_train_has_the_ranked_machines_file(monkeypatch, capfd, tmp_path
     assert json.loads((tmp_path / "placement.json").read_text())["chain"]["decimation"] == 5
     assert with_mechanism_path(with_mechanism_file(f"mechanism={file}")) == f"mechanism={file}"
     assert with_mechanism_path("mechanism=slider_crank") == "mechanism=slider_crank"
+    best = [{"channels": ["rod_b_axial"], "error_m": 1e-7}]
+    advice = training(best, [with_mechanism_file(f"mechanism={file}")])
+    assert shlex.quote(f"mechanism={file}") in advice

@@ -13,7 +13,7 @@ from omegaconf import OmegaConf
 from clearance.commands import CONFIGURATION
 from clearance.errors import InputError
 from clearance.evaluate import measure_coverage
-from clearance.evaluation.fresh import FRESH, evaluate_fresh, read_fresh
+from clearance.evaluation.fresh import FRESH, FreshEvaluation, evaluate_fresh, read_fresh
 from clearance.evaluation.results import collect, markdown, marks, put_between_marks
 from clearance.models.gauge import Gauge
 from clearance.models.run_folder import RunFolder
@@ -53,10 +53,17 @@ def test_coverage_on_fresh_simulations(forest):
     # Coverage given the calibration is Beta distributed around 0.9: 3.5 deviations, binomial ones included.
     deviation = np.sqrt(0.9 * 0.1 * (1 / (CALIBRATION + 2) + 1 / FRESH_RECORDINGS))
     assert abs(summary["coverage"] - 0.9) < 3.5 * deviation
-    assert summary["coverage_low"] < summary["coverage"] < summary["coverage_high"]
     assert summary["median_width_m"] < 0.9e-3  # not by calling everything possible
     assert summary["trusted"] > 0.8
     assert len(set(result.truth)) == FRESH_RECORDINGS
+    seen = [campaign.labels(range(campaign.runs))[:, 1], campaign.fresh(5, 0, ("rod_b_axial",))[1][:, 1]]
+    assert not set(result.truth) & {float(value) for values in seen for value in values}
+
+
+def test_the_brackets_of_a_coverage_are_of_95_percent():
+    nine = FreshEvaluation("C", [1.0] * 10, [1.0] * 10, [0.0] * 9 + [2.0], [3.0] * 10, [True] * 10).summary()
+    assert nine["coverage"] == pytest.approx(0.9)
+    assert (nine["coverage_low"], nine["coverage_high"]) == pytest.approx((0.55498, 0.99747), abs=1e-4)
 
 
 def test_of_recordings_that_no_campaign_made_nothing_fresh_is_simulated(tmp_path):

@@ -16,6 +16,7 @@ from clearance.mechanism.bearing import Worn
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import simulator
+from clearance.recording import synthesis
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.channels import ACCELERATIONS
 from clearance.recording.dataset import Dataset
@@ -226,7 +227,7 @@ def test_foreign_folders_are_refused(tmp_path):
         Dataset.open(tmp_path / "foreign")
 
 
-def test_a_failed_run_is_recorded_and_not_tried_again(tmp_path):
+def test_a_failed_run_is_recorded_and_not_tried_again(tmp_path, monkeypatch):
     wild = replace(
         SMALL, runs=3, integrator=Integrator(step=1e-3), chain=MeasurementChain(base_rate=1e3, decimation=1),
         duration=3.0, record_start=0.5, clearance_range=(1e-4, 2e-4),
@@ -236,6 +237,10 @@ def test_a_failed_run_is_recorded_and_not_tried_again(tmp_path):
     assert "joint C" in dataset.failures()[0]
     assert dataset.missing().size == 0
     assert dataset.available().size == 0
+    asked: list[object] = []
+    monkeypatch.setattr(synthesis, "run_batch", lambda machines, *_: asked.extend(machines))
+    wild.generate(tmp_path / "data")
+    assert asked == []
 
 
 def test_fresh_runs_are_new_at_each_epoch_and_belong_to_no_data_set(whole):

@@ -21,6 +21,7 @@ from clearance.trial.score import score_case
 from clearance.trial.summary import comparison, summarise
 from tests.command_line import call
 from tests.trial.conftest import TOOL
+from tests.trial.tool import verdict
 
 CLEARANCE = 2e-5  # m: so small that the journal keeps to its bearing, at every speed near this one
 
@@ -122,6 +123,9 @@ def test_a_wrong_input_is_one_line(capfd, monkeypatch, tmp_path, override, said)
 
 def test_several_programs_are_compared_on_the_same_cases(trial):
     trial.examine()
+    accused = {"name": "guide_friction", "kind": "physics", "probability": 0.9, "parameters": {}}
+    (null,) = [part["truth"]["name"] for part in trial.truth()["cases"] if part["truth"]["kind"] == "none"]
+    trial.answer({null: verdict("physics", [accused])})
     program = [sys.executable, str(TOOL), str(trial.answers)]
     Examiner(program, verdicts="baselines/sparse").examine(trial.folder, 2, lambda line: None)
     assert len(trial.asked()) == 8
@@ -133,4 +137,4 @@ def test_several_programs_are_compared_on_the_same_cases(trial):
     }
     text = comparison(summaries)
     assert text.startswith("| | ours | theirs |\n|---|---|---|\n")
-    assert "| false alarms where nothing is missing | 0 of 1 (0.0%) | 0 of 1 (0.0%) |" in text
+    assert "| false alarms where nothing is missing | 0 of 1 (0.0%) | 1 of 1 (100.0%) |" in text

@@ -4,6 +4,7 @@ import json
 import subprocess
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from clearance.evaluation.results import marks
@@ -350,6 +351,42 @@ def test_estimates_that_are_far_off_can_be_drawn(secrets, tmp_path):
     for some in (rows, rows[:1], rows[1:], []):
         pictures.estimates(some).savefig(tmp_path / "a.png")
     pictures.power(rows, summarise(rows)["power"]).savefig(tmp_path / "a.png")
+
+
+def test_rates_and_errors_are_of_the_cases_that_they_name(secrets):
+    """Right verdicts alone, all of them, those at 1 % noise: each over its own cases."""
+    right = scored(FRICTION, verdict("physics", [friction()], clearance=3.03e-4), secrets)
+    wrong = scored(
+        FRICTION, verdict("physics", [friction(name="slider_spring")], clearance=5e-4), secrets, seconds=30.0
+    )
+    alarm = scored(NOTHING, verdict("physics", [friction(force=1.0)]), secrets)
+    noisy = scored(replace(NOTHING, noise=0.05), verdict(), secrets)
+    found = summarise([right, wrong])
+    covered = [row["clearance"]["covered"] for row in (right, wrong)]
+    assert covered[1] is False
+    assert found["clearance_coverage"] == rate(covered[:1])
+    assert found["clearance_coverage_of_all"] == rate(covered)
+    assert found["clearance_error"]["of"] == 1
+    assert found["clearance_error"]["median"] == pytest.approx(0.01)
+    assert found["clearance_error_of_all"]["largest"] == pytest.approx(2.0 / 3.0)
+    assert found["seconds"]["median"] == pytest.approx(20.0)
+    assert found["parameter_error"]["of"] == sum(p["error"] is not None for p in right["parameters"])
+    nulls = summarise([alarm, noisy])
+    assert nulls["false_alarms"] == rate([True, False])
+    assert nulls["false_alarms_at_1_percent"] == rate([True])
+
+
+def test_a_power_curve_counts_each_case_in_the_bin_of_its_visibility(secrets):
+    rows = [scored(FRICTION, verdict("physics", [friction()]), secrets) for _ in range(3)]
+    missed = scored(FRICTION, verdict(), secrets)
+    for row, shown in zip((*rows, missed), (0.7, 1.5, 30.0, 1.9), strict=True):
+        row["visibility"] = {"guide_friction": shown}
+    bins = summarise([*rows, missed])["power"]
+    assert [one["right"]["of"] for one in bins] == [0, 1, 2, 0, 0, 1]
+    assert [one["right"]["count"] for one in bins] == [0, 1, 1, 0, 0, 1]
+    drawn = pictures.power([*rows, missed], bins).axes[0].collections
+    places = {one.get_label(): sorted(np.asarray(one.get_offsets())[:, 0].tolist()) for one in drawn}
+    assert places == {"right": [0.7, 1.5, 30.0], "detected": [], "missed": [1.9]}
 
 
 def test_a_result_is_plain_data_with_tables_and_pictures(trial, tmp_path):

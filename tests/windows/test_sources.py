@@ -54,6 +54,16 @@ def loaded(*overrides):
     return data
 
 
+@pytest.mark.parametrize("kind", ["stored", "measured", "simulated", "streaming"])
+def test_memory_is_bounded_whatever_the_source(kind, stored, measured, tmp_path):
+    where = {
+        "stored": [f"data.source.path={stored.path}"], "measured": [f"data.source.path={measured}"],
+        "simulated": [f"data.source.folder={tmp_path}"], "streaming": [],
+    }  # fmt: skip
+    with pytest.raises(InputError, match=r"data\.memory_gib"):
+        loaded(f"data={kind}", *where[kind], "data.memory_gib=1e-6")
+
+
 def test_files_and_a_store_of_the_same_runs_are_the_same_data(stored, measured):
     one = loaded("data=stored", f"data.source.path={stored.path}")
     two = loaded("data=measured", f"data.source.path={measured}")

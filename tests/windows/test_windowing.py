@@ -35,6 +35,11 @@ def test_random_windows_stay_inside_their_recording(lengths, length, density):
     assert set(recording) == {i for i, samples in enumerate(lengths) if samples >= length}
 
 
+def test_random_windows_are_as_dense_as_asked_for():
+    _, recording = RandomWindows(10, 0.5).starts(np.array([100, 40, 9]), RNG)
+    assert np.bincount(recording, minlength=3).tolist() == [5, 2, 0]
+
+
 def test_windows_of_several_recordings_are_counted_from_each_start():
     starts, recording = RegularWindows(10, 5).starts(np.array([20, 9, 12]), RNG)
     assert starts.tolist() == [0, 5, 10, 0]

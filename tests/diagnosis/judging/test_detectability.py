@@ -89,9 +89,11 @@ def test_no_map_is_shown_of_another_machine():
 
 def test_the_stored_map_is_what_this_simulator_gives():
     groups = gather(load_effects(["guide_friction", "joint_friction"], []), MACHINE, "C", ())
-    fresh = detectability_map(SETTING, groups, [CLEARANCE], [RPM], [ROD])
+    faults = faults_of_sensors(load_effects(["sensor_gain", "sensor_delay"], []))
+    fresh = detectability_map(SETTING, groups, [CLEARANCE], [RPM], [ROD], faults)
     stored = {e["name"]: e for e in nominal_map(SETTING, CLEARANCE, RPM, [], [])["effects"]}
-    assert {effect["name"] for effect in fresh["effects"]} == {"guide_friction", "joint_friction"}
+    names = {"guide_friction", "joint_friction", "sensor_gain", "sensor_delay"}
+    assert {effect["name"] for effect in fresh["effects"]} == names
     place = CLEARANCES.index(CLEARANCE), SPEEDS.index(RPM)
     for effect in fresh["effects"]:
         kept = stored[effect["name"]]["size"]["rod"][place[0]][place[1]]
@@ -129,6 +131,7 @@ def test_a_sensors_fault_of_that_size_is_estimated_three_errors_away_from_off(na
     generators = [np.random.default_rng(seed) for seed in range(6)]
     scores = [score(measured.sigma * each.normal(size=flat.shape)) for each in generators]
     assert np.mean(scores) == pytest.approx(3.24, abs=1.2)  # three standard errors of a mean of six
+    assert 0.4 < np.std(scores, ddof=1) < 2.0  # a standard error is that: chi-square of 5, beyond 1 in 1000
 
 
 @pytest.mark.slow

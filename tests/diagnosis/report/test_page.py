@@ -132,12 +132,14 @@ def test_missing_parts_leave_out_their_picture_and_nothing_else(show, case):
     assert "undefined" not in page.run("document.querySelector('main').innerText")
 
 
-@pytest.mark.parametrize("verdict", ["none", "physics", "instrument", "mixed", "unknown", "ambiguous"])
-def test_each_verdict_has_its_own_badge(verdict):
-    badges = {render_report({"verdict": verdict}, {}).split('class="badge">')[1].split("<")[0]}
-    badges.add(render_report({}, {}).split('class="badge">')[1].split("<")[0])
-    assert len(badges) == 2
-    assert "No verdict was reached" in badges
+def test_each_verdict_has_its_own_badge():
+    verdicts = ("none", "physics", "instrument", "mixed", "unknown", "ambiguous", None)
+    pages = {verdict: render_report({"verdict": verdict}, {}) for verdict in verdicts}
+    badges = {verdict: page.split('class="badge">')[1].split("<")[0] for verdict, page in pages.items()}
+    assert len(set(badges.values())) == len(verdicts)
+    assert badges["none"] == "Nothing is missing"
+    assert "Physics is missing" in badges["physics"]
+    assert badges[None] == "No verdict was reached"
 
 
 @pytest.mark.parametrize(

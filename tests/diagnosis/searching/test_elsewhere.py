@@ -9,6 +9,7 @@ from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.free_form import along, free_form, rubbing, unnamed
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.searching import elsewhere
+from clearance.diagnosis.searching.beside import FAR
 from clearance.diagnosis.searching.elsewhere import (
     _again,
     _of_other_sizes,
@@ -69,6 +70,9 @@ def test_what_is_missing_inside_a_joint_is_not_looked_for_outside(monkeypatch):
     for balanced in (False, True):
         begin_plausible(search, Explanation(nominal, balanced=balanced), nominal)
     assert asked == [{"guide_friction", "soft_drive", "worn_bearing"}, {"worn_bearing"}]
+    near = attempt([], FAR - 0.1)  # a linear look tells more than plausible sizes do
+    begin_plausible(search, Explanation(near), near)
+    assert len(asked) == 2
 
 
 @pytest.mark.parametrize(

@@ -322,12 +322,6 @@ def test_what_promises_little_beside_a_bad_path_is_tried_from_a_plausible_size()
     assert explanation.best.fit.values[0, 1] == pytest.approx(6.0, rel=0.01)
 
 
-def test_nothing_is_tried_at_random_beside_a_good_path():
-    found, explanation = search(3e-4, ("joint_lubrication",))
-    begin_plausible(found, explanation, explanation.nominal)
-    assert explanation.attempts == []
-
-
 @pytest.mark.parametrize("name", ["contact_stiffness", "rod_inertia"])
 def test_a_linear_look_begins_what_counts_by_ratios_as_far_down_as_up(name):
     groups = gather(load_effects([name], []), SETTING.with_clearance(1e-4), "C", ())

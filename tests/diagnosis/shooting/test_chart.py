@@ -152,7 +152,9 @@ def test_a_guess_in_contact_is_surer_across_the_surface_than_one_apart():
     assert touching[j] == apart[j]
     assert (touching > 0.0).all()
     assert (chart.reach > 0.0).all()
-    assert (chart.units > chart.noise).sum() >= len(chart.units) - 8  # rates excepted
+    places = chart.rows < 10  # of the state, before its rates
+    assert (chart.units >= chart.noise).all()
+    assert (chart.units[places] > chart.noise[places]).all()
 
 
 def test_rails_lie_along_the_guide_line_wherever_it_is_and_move_with_the_frame():
