@@ -168,7 +168,9 @@ def main(cfg: DictConfig) -> None:
 
 def _names(key: str, given: Any) -> list[str]:
     """One name, or a list of them."""
-    names = [given] if isinstance(given, str) else list(given) if OmegaConf.is_list(given) else [None]
+    names: list[Any] = (
+        [given] if isinstance(given, str) else list(given) if OmegaConf.is_list(given) else [None]
+    )
     if not all(isinstance(name, str) for name in names):
         raise InputError(f"{key} = {given!r} is no name or list of names; change {key}")
     return names

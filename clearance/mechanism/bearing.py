@@ -68,7 +68,8 @@ class Round(Law):
 class Worn(Law):
     """Clearance c(phi) = c + a cos(k phi + phase), phi measured in the bearing.
 
-    Valid while the bore stays convex, a k^2 well below the bearing's radius, and a below the clearance.
+    What is given is where the journal's centre can be, not the bore's own profile. A journal that fits every
+    lobe keeps a (k^2 - 1) below the clearance, where its radius about the centre and the bore's agree.
     Reference: Xu, Dong, Jia 2019, Multibody Syst. Dyn. 46, 457-478 (wear profiles of a clearance joint).
 
     Attributes:

@@ -30,7 +30,8 @@ class Dry(Law):
 class SqueezeFilm(Law):
     """Force -d (1 - eps^2)^-1.5 e' on the journal, eps = eccentricity over clearance, e' its velocity.
 
-    Valid for a short bearing with a full film; capped at eps = 0.99.
+    Valid for a short bearing with a full film; capped at eps = 0.99. A worn bore counts as round here. At the
+    cap it is 356 times as stiff as at the centre: ``stiffest_film`` says what a step can follow.
     Reference: Hamrock, Fundamentals of Fluid Film Lubrication, ch. 8 (squeeze film of a journal bearing).
 
     Attributes:

@@ -108,7 +108,8 @@ class StribeckGuide(Law):
         viscous_damping: d [N s/m].
         stribeck_force: F_s, what rest adds to sliding [N].
         stribeck_velocity: v_s [m/s].
-        friction_coefficient: mu on the guide's reaction, of a tilted shoe's two ends each [-].
+        friction_coefficient: mu on the guide's reaction, of a tilted shoe's two ends each [-]; up to 0.5, at
+            which the passes between reaction and friction leave 0.2 %.
         smoothing_speed: [m/s].
     """
 
@@ -125,7 +126,7 @@ class StribeckGuide(Law):
     def __post_init__(self) -> None:
         require(self, coulomb_force=self.coulomb_force, viscous_damping=self.viscous_damping)
         require(self, stribeck_force=self.stribeck_force)
-        require(self, 0.0, 2.0, friction_coefficient=self.friction_coefficient)
+        require(self, 0.0, 0.5, friction_coefficient=self.friction_coefficient)
         require(
             self, strict=True, stribeck_velocity=self.stribeck_velocity, smoothing_speed=self.smoothing_speed
         )

@@ -32,6 +32,7 @@ from clearance.simulation.batch import Sampling, run_batch, simulate
 from clearance.simulation.failure import Failure
 from clearance.simulation.gpu.batch import require_gpu, run_batch_on_gpu
 from clearance.simulation.integrator import Integrator
+from clearance.simulation.stability import require_stable
 
 log = logging.getLogger(__name__)
 DEVICES = ("cpu", "cuda")
@@ -159,7 +160,8 @@ class Campaign:
                 )
         self._require_open_bores()
         for end in (0, 1):
-            with_values(self.mechanism, {path: float(pair[end]) for path, pair in drawn.items()})
+            extreme = with_values(self.mechanism, {path: float(pair[end]) for path, pair in drawn.items()})
+            require_stable(extreme, self.integrator.step)
 
     def _require_open_bores(self) -> None:
         """Refuse clearances that a worn bore's lobes would close: such a run has no machine."""

@@ -38,10 +38,13 @@ _REACTION_PASSES = 4  # of the fixed point between the guide's reaction and the 
 
 @kernel
 def _sliding(
-    nx: Any, ny: Any, vx: Any, vy: Any, distance: Any, radius: Any, journal_spin: Any, bearing_spin: Any
+    nx: Any, ny: Any, vx: Any, vy: Any, reach: Any, radius: Any, journal_spin: Any, bearing_spin: Any
 ) -> Any:
-    """Speed of the journal's surface over the bearing's where they are nearest, counterclockwise [m/s]."""
-    return vy * nx - vx * ny + radius * journal_spin - (distance + radius) * bearing_spin
+    """Speed of the journal's surface over the bearing's where they are nearest, counterclockwise [m/s].
+
+    ``reach``: how far the journal's centre is from the bearing's, along the normal [m].
+    """
+    return vy * nx - vx * ny + radius * journal_spin - (reach + radius) * bearing_spin
 
 
 @kernel
@@ -84,10 +87,11 @@ def _joint(
     nx, ny = ex * inverse_distance, ey * inverse_distance
     clearance = get(p, block + Parameter.JOINT_CLEARANCE)
     penetration = distance - clearance
-    rate = vx * nx + vy * ny
+    rate, reach = vx * nx + vy * ny, distance
     if chosen(codes, Family.BEARING) == 1:
         penetration, nx, ny = worn_surface(p, block, ex, ey, distance, bearing_sine, bearing_cosine)
         rate = (vx + bearing_spin * ey) * nx + (vy - bearing_spin * ex) * ny
+        reach = ex * nx + ey * ny
     approach = where(memory > 0.0, memory, maximum(rate, APPROACH_FLOOR))
     normal = normal_force(
         penetration,
@@ -101,7 +105,7 @@ def _joint(
     if chosen(codes, Family.FRICTION) == 1 or chosen(codes, Family.BEARING) == 1:
         radius = get(p, block + Parameter.JOINT_JOURNAL_RADIUS)
         if chosen(codes, Family.FRICTION) == 1:
-            sliding = _sliding(nx, ny, vx, vy, distance, radius, journal_spin, bearing_spin)
+            sliding = _sliding(nx, ny, vx, vy, reach, radius, journal_spin, bearing_spin)
             direction = smoothed_sign(sliding, get(p, block + Parameter.JOINT_FRICTION_SPEED))
             tangential = -get(p, block + Parameter.JOINT_FRICTION) * normal * direction
             fx, fy = fx - tangential * ny, fy + tangential * nx

@@ -4,9 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clearance.mechanism.film import SqueezeFilm
+from clearance.mechanism.load import NoSpring
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.integrator import Integrator
 from clearance.simulation.layout import Result, State
+from clearance.simulation.stability import stiffest_film
 from clearance.simulation.trajectory import simulate_trajectory
 
 _ABSURD = 1e8  # N or N m: a thousand times the hardest impact of the nominal machine
@@ -52,20 +55,30 @@ def explain_failure(machine: SliderCrank, state: np.ndarray, integrator: Integra
         return Failure(float(state[State.TIME]), "a law that a second run from there does not show", begun)
     last = int(np.flatnonzero(np.isfinite(states[:, : State.TIME]).all(axis=1))[-1])
     named = {row.name.lower(): float(states[last, row]) for row in State}
-    return Failure(float(states[-1, State.TIME]), _guilty_law(machine, results), named)
+    return Failure(float(states[-1, State.TIME]), _guilty_law(machine, integrator, results), named)
 
 
-def _guilty_law(machine: SliderCrank, results: np.ndarray) -> str:
+def _guilty_law(machine: SliderCrank, integrator: Integrator, results: np.ndarray) -> str:
     """The law whose force was the first to leave all reason; forces grow absurd before they overflow."""
     suspects = (
         (Result.NORMAL_FORCE_B, machine.joint_b.contact, "joint B"),
         (Result.NORMAL_FORCE_C, machine.joint_c.contact, "joint C"),
-        (Result.LOAD, machine.spring, "the slider's load"),
+        (
+            Result.LOAD,
+            machine.process if isinstance(machine.spring, NoSpring) else machine.spring,
+            "the slider",
+        ),
         (Result.DRIVE_TORQUE, machine.drive, "the drive"),
         (Result.GUIDE_FRICTION, machine.guide_friction, "the guide"),
     )
     forces = np.nan_to_num(np.abs(results[:, [row for row, _, _ in suspects]]), nan=np.inf)
     absurd = np.flatnonzero((forces > _ABSURD).any(axis=1))
+    for place, joint in (("joint B", machine.joint_b), ("joint C", machine.joint_c)):
+        film = joint.film
+        if isinstance(film, SqueezeFilm) and film.damping > stiffest_film(
+            machine, place[-1], integrator.step
+        ):
+            return f"SqueezeFilm of {place}, too stiff for this step"
     if absurd.size == 0:
         return "the equations of motion"
     _, law, place = suspects[int(np.argmax(forces[absurd[0]]))]

@@ -87,7 +87,7 @@ def sense(codes: Any, p: Any, s: Any, r: Any, y: Any, row: int) -> None:
 
     Accelerometers feel acceleration minus gravity, in the axes of their body: axial from the link's first to
     its second joint, transverse a quarter turn further. Those on a bent rod move with it, but are not tilted:
-    its slope is below a thousandth.
+    its slope is below three thousandths from 300 Hz on.
     """
     gravity_x, gravity_y = get(p, Parameter.GRAVITY_X), get(p, Parameter.GRAVITY_Y)
     sine, cosine = get(s, State.CRANK_SINE), get(s, State.CRANK_COSINE)
