@@ -349,6 +349,8 @@ def _write(
     kept = bool(outcome.diagnosis.get("sensors")) and not declared_before
     if kept:
         write_sensors(folder / "sensors.yaml", declared(outcome.diagnosis["sensors"]), _BESIDE)
+    else:  # an earlier run's are not this one's
+        (folder / "sensors.yaml").unlink(missing_ok=True)
     write_report(folder / "report.html", outcome.diagnosis, {**outcome.evidence, "sensors_file": kept})
     events = EventFileWriter(str(folder))  # of TensorBoard alone: torch takes seconds to be imported
     for step, row in enumerate(_tried(outcome.explanation)):

@@ -16,6 +16,7 @@ from clearance.mechanism.bearing import Worn
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.provenance import simulator
+from clearance.recording import dataset as stored
 from clearance.recording import synthesis
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.channels import ACCELERATIONS
@@ -149,22 +150,15 @@ def test_a_whole_number_makes_no_other_data_set(tmp_path):
     Dataset.create(*made, same.fingerprint, same.settings, simulator())
 
 
-def test_runs_of_another_simulator_are_told(tmp_path, caplog):
-    one = replace(SMALL, runs=1)
-    made = (
-        tmp_path / "data",
-        one.labels([0]),
-        ("rod_b_axial",),
-        10,
-        10.0,
-        0.0,
-        one.fingerprint,
-        one.settings,
-    )
+def test_runs_of_another_simulator_are_told(tmp_path, monkeypatch):
+    one, told = replace(SMALL, runs=1), list[str]()
+    monkeypatch.setattr(stored.log, "warning", lambda text, *of: told.append(text % of))
+    labels, path = one.labels([0]), tmp_path / "data"
+    made = (path, labels, ("rod_b_axial",), 10, 10.0, 0.0, one.fingerprint, one.settings)
     Dataset.create(*made, "an older one")
-    assert not caplog.records
+    assert not told
     Dataset.create(*made, simulator())
-    assert "made by another version of the simulator" in caplog.text
+    assert [str(path) in line and "another version of the simulator" in line for line in told] == [True]
     assert one.folder not in (one.fingerprint, replace(one, seed=2).folder)
 
 
