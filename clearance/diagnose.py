@@ -61,7 +61,6 @@ _FASTEST = 20_000.0  # rpm
 _MOST = 999  # simulations: some seconds each
 _BESIDE = """What the accelerometers were found to do.
 As NAME.yaml beside another recording NAME.parquet of theirs it is undone where that is read."""
-_WRITTEN = ("diagnosis.json", "report.html", "corrected.yaml", "sensors.yaml")
 _HELD_OUT = 1.0 / 3.0  # of each recording, where no other ones are held out
 
 
@@ -104,9 +103,6 @@ def main(cfg: DictConfig) -> None:
         )
     recordings, held_out = _read("recordings", fitting), _read("held_out", judging)
     _require_in_place({**recordings, **held_out}, nominal)
-
-    for earlier in _WRITTEN:  # another run's are not this one's, should it be killed
-        (folder / earlier).unlink(missing_ok=True)
 
     def keep(explanation: Explanation | Findings) -> None:
         write_json(folder / "progress.json", plain(_tried(explanation)))
@@ -345,6 +341,7 @@ def _write(
 ) -> None:
     """Write what was found; what sensors do on top of what was declared is no declaration by itself."""
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / "diagnosis.json").unlink(missing_ok=True)  # an earlier run's, beside which nothing new may lie
     write_mechanism(folder / "corrected.yaml", outcome.machine, "\n".join(outcome.diagnosis["summary"]))
     kept = bool(outcome.diagnosis.get("sensors")) and not declared_before
     if kept:

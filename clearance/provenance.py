@@ -38,7 +38,8 @@ def fingerprint(value: Any) -> str:
 def simulator() -> str:
     """Of the sources that decide what a simulated run holds, which settings do not tell; 16 digits."""
     package, digest = Path(__file__).parent, hashlib.sha256()
-    sources = [package / "lanes.py", *(package / "recording" / f"{name}.py" for name in _RECORDING)]
+    sources = [package / "lanes.py", package / "compilation.py"]
+    sources += (package / "recording" / f"{name}.py" for name in _RECORDING)
     for folder in ("mechanism", "simulation"):
         sources += package.glob(f"{folder}/**/*.py")
     for source in sorted(sources):

@@ -161,7 +161,12 @@ class Campaign:
         self._require_open_bores()
         for end in (0, 1):
             extreme = with_values(self.mechanism, {path: float(pair[end]) for path, pair in drawn.items()})
-            require_stable(extreme, self.integrator.step)
+            loose = {
+                name: replace(getattr(extreme, name), clearance=self.clearance_range[1])
+                for name, drawn_there in (("joint_b", self.joint.b), ("joint_c", self.joint.c))
+                if drawn_there is not False
+            }
+            require_stable(replace(extreme, **loose), self.integrator.step)
 
     def _require_open_bores(self) -> None:
         """Refuse clearances that a worn bore's lobes would close: such a run has no machine."""

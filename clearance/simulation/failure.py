@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clearance.mechanism.film import SqueezeFilm
 from clearance.mechanism.load import NoSpring
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.simulation.integrator import Integrator
 from clearance.simulation.layout import Result, State
-from clearance.simulation.stability import stiffest_film
+from clearance.simulation.stability import too_stiff
 from clearance.simulation.trajectory import simulate_trajectory
 
 _ABSURD = 1e8  # N or N m: a thousand times the hardest impact of the nominal machine
@@ -73,12 +72,8 @@ def _guilty_law(machine: SliderCrank, integrator: Integrator, results: np.ndarra
     )
     forces = np.nan_to_num(np.abs(results[:, [row for row, _, _ in suspects]]), nan=np.inf)
     absurd = np.flatnonzero((forces > _ABSURD).any(axis=1))
-    for place, joint in (("joint B", machine.joint_b), ("joint C", machine.joint_c)):
-        film = joint.film
-        if isinstance(film, SqueezeFilm) and film.damping > stiffest_film(
-            machine, place[-1], integrator.step
-        ):
-            return f"SqueezeFilm of {place}, too stiff for this step"
+    for joint in too_stiff(machine, integrator.step):
+        return f"the film of joint {joint}, too stiff for this step"
     if absurd.size == 0:
         return "the equations of motion"
     _, law, place = suspects[int(np.argmax(forces[absurd[0]]))]

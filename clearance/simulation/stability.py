@@ -32,16 +32,28 @@ def stiffest_film(machine: SliderCrank, joint: str, step: float) -> float:
     return float(_STABLE * (1.0 - ECCENTRICITY_LIMIT**2) ** 1.5 / (step * mobility))
 
 
+def too_stiff(machine: SliderCrank, step: float) -> list[str]:
+    """Joints, B or C, with clearance and a film that steps of time [s] cannot follow."""
+    joints = {"B": machine.joint_b, "C": machine.joint_c}
+    return [
+        name
+        for name, joint in joints.items()
+        if joint.clearance > 0.0
+        and isinstance(joint.film, SqueezeFilm)
+        and joint.film.damping > stiffest_film(machine, name, step)
+    ]
+
+
 def require_stable(machine: SliderCrank, step: float) -> None:
     """Refuse films that steps cannot follow.
 
     Raises:
         InputError: with the largest damping.
     """
-    for joint, place in (("B", "joint_b"), ("C", "joint_c")):
-        film = getattr(machine, place).film
-        if isinstance(film, SqueezeFilm) and film.damping > (most := stiffest_film(machine, joint, step)):
-            raise InputError(
-                f"{place}.film.damping = {film.damping:g}: too stiff for steps of {step:g} s, which follow "
-                f"up to {most:.3g} N s/m; lower film.damping or integrator.step"
-            )
+    for joint in too_stiff(machine, step):
+        place = f"joint_{joint.lower()}"
+        given, most = getattr(machine, place).film.damping, stiffest_film(machine, joint, step)
+        raise InputError(
+            f"{place}.film.damping = {given:g}: too stiff for steps of {step:g} s, which follow up to "
+            f"{most:.3g} N s/m; lower film.damping or integrator.step"
+        )

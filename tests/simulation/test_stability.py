@@ -1,5 +1,6 @@
 """A film that steps cannot follow is refused: it would make numbers that mean nothing."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -60,5 +61,9 @@ def test_a_stiffer_film_is_refused_with_what_would_do(joint):
         require_stable(filmed(1.01 * most, joint), 1e-5)
     with pytest.raises(InputError, match=r"lower film\.damping or integrator.step"):
         campaign(filmed(2.0 * most, joint))
+    ideal = replace(MACHINE, **{f"joint_{joint}": Joint(film=SqueezeFilm(2.0 * most))})
+    require_stable(ideal, 1e-5)  # a joint without clearance has no film
+    with pytest.raises(InputError, match=rf"joint_{joint}\.film\.damping") if joint == "c" else nullcontext():
+        campaign(ideal)  # in C clearance is drawn
     with pytest.raises(InputError, match=r"lower film\.damping or integrator.step"):
         campaign(filmed(0.0, joint), random={f"joint_{joint}.film.damping": [0, 3 * most]})

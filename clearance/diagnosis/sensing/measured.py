@@ -12,14 +12,13 @@ from clearance.diagnosis.sensing.tolerances import HALF, NOTHING_LEFT_OPEN, Tole
 from clearance.errors import InputError
 from clearance.recording.chain import MeasurementChain, declared_chain
 from clearance.recording.channels import CHANNELS
-from clearance.recording.recording import Recording
+from clearance.recording.recording import SAME_RATE, Recording
 from clearance.simulation.layout import Signal
 
 REACH = 4  # segments to each side whose motion enters a filtered sample
 SAMPLES = 10  # a segment
 NO_FAULT = Instrument()
 _DEAF = 1e4
-_USUAL, _CLOCKS = 1e5, 1e-3  # Hz, before the filter; by what a declared rate and a clock may differ
 _LEAST, _ADDED = 1e-4, 0.01
 """Shares of a channel's standard deviation: noise below which no sensor made a recording, and the
 noise that is added there, so that errors of the simulator do not pass for something missing."""
@@ -376,16 +375,15 @@ def chain_of(recording: Recording, name: str) -> MeasurementChain:
         InputError: a declared chain that ends elsewhere, but for what clocks differ by.
     """
     rate, declared = recording.rate, recording.metadata.get("chain") or {}
-    whole = declared_chain(declared)
-    base = declared.get("base_rate", _USUAL)
-    factor = declared.get("decimation", max(1, round(base / rate)))
-    if "base_rate" in declared and abs(base / factor / rate - 1.0) > _CLOCKS:
+    whole = declared_chain(declared, rate)
+    base, factor = whole["base_rate"], whole["decimation"]
+    if "base_rate" in declared and abs(base / factor / rate - 1.0) > SAME_RATE:
         raise InputError(
             f"{name}: declares a chain that ends at {base / factor:g} Hz, but has {rate:g} Hz; "
             "correct chain in the YAML beside it"
         )
     try:
-        return MeasurementChain(**whole | {"base_rate": rate * factor, "decimation": factor})
+        return MeasurementChain(**whole | {"base_rate": rate * factor})
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
 
