@@ -22,9 +22,9 @@ def confirm(search: Search, explanation: Explanation, at_last: bool = False) -> 
     """Follow named effects that explain anew with what they are known to be, as long as that leaves less.
 
     What explains as well is fitted on those paths too, so that none is asserted for its better path. Where
-    the nominal machine explains, its paths are right but for little, except for the impacts of what acts
-    inside the joint: beside them a contact of 0.34 times the stiffness was found as one of 0.70. A slider that
-    is loose in its guide is lost at its strikes by what follows others.
+    the nominal machine explains, its paths are right but for little; its impacts are not where something acts
+    inside the joint: beside them a contact of 0.34 times the stiffness was found as one of 0.70. A slider
+    that is loose in its guide is lost at its strikes by what follows others.
 
     Args:
         search: after its nominal stage.

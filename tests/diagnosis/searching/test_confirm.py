@@ -13,10 +13,10 @@ from clearance.diagnosis.searching.explanation import Explanation
 from tests.diagnosis.attempts import attempt as found
 
 
-def attempt(names, misfit, structural=False):
+def attempt(names, misfit, structural=False, body="slider"):
     one = found(names, misfit)
     for hypothesis in one.hypotheses:
-        hypothesis.structural = lambda _: structural
+        hypothesis.structural, hypothesis.body = lambda _: structural, body
     one.label = " + ".join(names)
     one.fit.values = np.zeros((1, 1))
     return one
@@ -78,6 +78,11 @@ def test_what_else_is_not_followed_anew(monkeypatch, best, late, nominal):
 def test_what_leaves_more_than_right_effects_do_is_followed_anew_at_last(monkeypatch):
     best = [attempt(["gravity"], 1.25)]
     assert confirmed(monkeypatch, best, [1.0, 1.0], at_last=True)[:2] == (1.0, 2)
+
+
+def test_what_acts_inside_the_joint_is_followed_anew_though_the_nominal_machine_explains(monkeypatch):
+    best = [attempt(["contact_stiffness"], 1.03, body="joint_c")]
+    assert confirmed(monkeypatch, best, [0.95], nominal=1.08)[:2] == (0.95, 1)
 
 
 @pytest.mark.parametrize("though_explained", [False, True])
