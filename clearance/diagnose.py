@@ -3,7 +3,6 @@
 import logging
 import os
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from math import inf, pi
@@ -14,9 +13,6 @@ import numpy as np
 from hydra.core.hydra_config import HydraConfig
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
-from tensorboard.compat.proto.event_pb2 import Event
-from tensorboard.compat.proto.summary_pb2 import Summary
-from tensorboard.summary.writer.event_file_writer import EventFileWriter
 from threadpoolctl import threadpool_limits
 
 from clearance.commands import command, refuse, threads
@@ -27,7 +23,7 @@ from clearance.diagnosis.judging.sensors import declared
 from clearance.diagnosis.motion.attempt import Findings
 from clearance.diagnosis.motion.outcome import diagnose as diagnose_motion
 from clearance.diagnosis.motion.recordings import only_motion, tracks_of, uncertain_bounds, zero_is_known
-from clearance.diagnosis.report import plain, write_report
+from clearance.diagnosis.report import plain, write_events, write_report
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.significance import ENOUGH
 from clearance.diagnosis.sensing.demonstration import CLEARANCE, demonstration
@@ -348,13 +344,9 @@ def _write(
         write_sensors(folder / "sensors.yaml", declared(outcome.diagnosis["sensors"]), _BESIDE)
     else:  # an earlier run's are not this one's
         (folder / "sensors.yaml").unlink(missing_ok=True)
-    write_report(folder / "report.html", outcome.diagnosis, {**outcome.evidence, "sensors_file": kept})
-    events = EventFileWriter(str(folder))  # of TensorBoard alone: torch takes seconds to be imported
-    for step, row in enumerate(_tried(outcome.explanation)):
-        for tag, number in (("misfit", row["misfit"]), ("clearance", row["clearance_m"])):
-            value = Summary.Value(tag=f"{tag}/{row['name']}", simple_value=number)
-            events.add_event(Event(wall_time=time.time(), step=step, summary=Summary(value=[value])))
-    events.close()
+    evidence = plain({**outcome.evidence, "sensors_file": kept})
+    write_report(folder / "report.html", outcome.diagnosis, evidence)
+    write_events(folder, plain(outcome.diagnosis), evidence, _tried(outcome.explanation))
     # last: where it lies, the others do; a number that nobody knows is null
     write_json(folder / "diagnosis.json", plain(outcome.diagnosis))
 

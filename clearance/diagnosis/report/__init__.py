@@ -1,5 +1,6 @@
-"""The page a person reads: one HTML file that draws a diagnosis and its evidence, with no network."""
+"""What a person looks at: one HTML file that draws a diagnosis and its evidence, and TensorBoard's events."""
 
+from clearance.diagnosis.report.events import write_events
 from clearance.diagnosis.report.page import plain, render_report, write_report
 
-__all__ = ["plain", "render_report", "write_report"]
+__all__ = ["plain", "render_report", "write_events", "write_report"]
