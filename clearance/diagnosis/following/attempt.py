@@ -16,6 +16,7 @@ from clearance.simulation.integrator import Integrator
 ANNEALING = (100.0, 31.6, 10.0, 3.16, 1.0)  # factors on the noise while a guess is far from a solution
 FOLLOWED = 2.5  # robust cost a sample: above, a model does not follow at this scale of the noise
 EXPLAINED = 1.35  # and up to which nothing is left to explain
+_ONE = 2.0  # and of one recording, which so much is left of where another one leaves nothing
 ROOM = 1.03  # and above which what explains may have more parameters
 LOOSENESS = 0.15  # of the joint's typical force: unknown forces while a path is looked for
 POOR = 3.0  # misfit up to which a model is not given up on the way, whatever others reach
@@ -242,8 +243,8 @@ def loosen(
 
 
 def explained(attempt: Attempt) -> bool:
-    """Whether nothing is left to explain."""
-    return attempt.scale <= 1.0 and attempt.level < EXPLAINED
+    """Whether nothing is left to explain, in no recording: of many, one may be lost and the mean be small."""
+    return attempt.scale <= 1.0 and attempt.level < EXPLAINED and max(attempt.misfits) < _ONE
 
 
 def whole(attempt: Attempt) -> bool:

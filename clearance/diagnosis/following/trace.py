@@ -101,6 +101,6 @@ def check_length(measured: Measured) -> None:
     if len(measured.values) < needed:
         raise InputError(
             f"{measured.name}: {measured.seconds:.2f} s are too short to follow; give "
-            f"{3 * needed * measured.segment:.1f} s or more, of which a third is held out, or name "
+            f"{3 * needed * measured.segment:.2g} s or more, of which a third is held out, or name "
             "held_out recordings"
         )

@@ -173,7 +173,7 @@ def _held_out(
         def one(measured: Measured) -> Attempt:
             measured = measured.judged(attempt.sensors)
             try:
-                known = aligned(measured, machine, speeds_near(search))
+                known = aligned(measured, machine, speeds_of(measured, search))
                 trace = Trace.of(measured, known, machine, instrument)
             except np.linalg.LinAlgError:
                 raise _unmoved(measured) from None
@@ -236,7 +236,8 @@ def _clocked(measured: Measured, search: Search, attempt: Attempt) -> Measured:
     own = [f.measured.clock for f in attempt.followers if f.measured.name == measured.name]
     if not own:
         try:
-            own = [find_clock(measured, aligned(measured, machine, speeds_near(search)), machine)]
+            known = aligned(measured, machine, speeds_of(measured, search))
+            own = [find_clock(measured, known, machine)]
         except np.linalg.LinAlgError:
             raise _unmoved(measured) from None
     return replace(measured, clock=own[0], period=machine.force.period)
@@ -249,7 +250,13 @@ def _unmoved(measured: Measured) -> InputError:
     )
 
 
+def speeds_of(measured: Measured, search: Search) -> tuple[float, float]:
+    """Among which that of a held-out recording is looked for [rad/s]: the rest of a fitted one has its."""
+    own = any(one.name == measured.name for one in search.recordings)
+    return speeds_near(search) if own else search.speed_range
+
+
 def speeds_near(search: Search) -> tuple[float, float]:
-    """Among which the speed of another recording is looked for [rad/s]."""
+    """Among which are those of the fitted recordings [rad/s], with room."""
     near = [abs(known.speed) for known in search.alignments]
     return 0.5 * min(near), 2.0 * max(near)

@@ -19,7 +19,11 @@ _ALIKE = 3.0  # neighbouring samples share what the state did not foresee: as ma
 _FALSE_DISCOVERIES = 0.05
 _LOST = 1e6  # standard deviations: how far off a run counts that ends in no number
 _SLIDING = 0.02  # m/s of the journal along the bearing's surface
-_QUIET, _QUIET_SQUARE = 0.9, 0.975  # share of blocks that count, and their mean square where that of all is 1
+_STATES, _ENOUGH = (
+    ("contact", "flight", "sliding"),
+    20,
+)  # of the joint; samples of which one is worth a number
+_QUIET = 0.9  # share of blocks that count
 _OWN_NOISE = 0.15  # of the square of the noise: what its estimate errs by, beside models that are right
 
 
@@ -28,7 +32,8 @@ class Innovations:
     """One-step prediction errors of a model, with where the machine was.
 
     Attributes:
-        values: (samples, channels) in standard deviations of a perfect model's innovations.
+        values: (samples, channels) in standard deviations of a perfect model's innovations; NaN where a
+            channel does not say what it felt, as beyond its limit.
         angle: (samples,) crank angle [rad, 0 to 2 pi).
         contact: (samples,) whether the journal touches.
         sliding: (samples,) whether it touches and moves along the surface.
@@ -57,32 +62,38 @@ def whiteness(channels: Sequence[str], scaled: Sequence[np.ndarray]) -> dict[str
     """
     correlation: dict[str, list[float]] = {}
     for i, channel in enumerate(channels):
-        total = max(sum(float((v[:, i] ** 2).sum()) for v in scaled), 1e-12)
+        total = max(sum(float(np.nansum(v[:, i] ** 2)) for v in scaled), 1e-12)
         correlation[channel] = [
-            sum(float((v[:-lag, i] * v[lag:, i]).sum()) for v in scaled) / total for lag in range(1, 11)
+            sum(float(np.nansum(v[:-lag, i] * v[lag:, i])) for v in scaled) / total for lag in range(1, 11)
         ]
-    each = np.concatenate([_block_squares(v) for v in scaled])
+    each = _block_squares(scaled)
     half = np.hypot(1.96 * np.sqrt(2.0 / (len(each) * len(channels))), _OWN_NOISE)
     return {
         "channels": list(channels),
         "whiteness": [correlation[c][0] for c in channels],
         "autocorrelation": correlation,
         "normalised_innovation_squared": {
-            "value": _quiet_square(each), "low": 1.0 - half, "high": 1.0 + half,
+            "value": _quiet_square(each, len(channels)), "low": 1.0 - half, "high": 1.0 + half,
         },
     }  # fmt: skip
 
 
 def innovations(attempt: Attempt, joint: str, floor: Attempt | None = None) -> list[Innovations]:
-    """Innovations of each recording, over what a perfect model's would be: that of ``floor``, or its own."""
+    """Innovations of each recording, over what a perfect model's would be: that of ``floor``, or its own.
+
+    Where ``floor`` was followed on another stretch it is the typical one of its.
+    """
     found = []
     for r, (follower, one) in enumerate(zip(attempt.followers, attempt.fit.passes, strict=True)):
         inner = slice(EDGE + 1, -EDGE - 1)
         scale = attempt.scale if attempt.scale > 1.0 else 1.0
         spread = (floor.fit.passes[r] if floor is not None else one).spread
-        typical = np.median(spread[inner], axis=(0, 1))
-        values = one.innovation[inner] * scale / typical
+        if spread.shape != one.innovation.shape:
+            spread = np.broadcast_to(np.median(spread[inner], axis=(0, 1)), one.innovation.shape)
+        values = one.innovation[inner] * scale / spread[inner]
         values = np.clip(np.nan_to_num(values, nan=_LOST, posinf=_LOST, neginf=-_LOST), -_LOST, _LOST)
+        # not what is infinitely far off, whose weight is none, too
+        values[(one.used[inner] == 0.0) & np.isfinite(one.innovation[inner])] = np.nan
         n, m, channels = values.shape
         nodes = follower.path.nodes[inner]
         steps = np.arange(m) / m * follower.measured.segment
@@ -106,19 +117,31 @@ def innovations(attempt: Attempt, joint: str, floor: Attempt | None = None) -> l
 
 def root_mean_square(errors: Sequence[Innovations]) -> float:
     """Of all innovations but the tenth of the blocks that are worst in it: 1 for a perfect model."""
-    return float(np.sqrt(_quiet_square(np.concatenate([_block_squares(one.values) for one in errors]))))
+    values = _values(errors)
+    return float(np.sqrt(_quiet_square(_block_squares(values), values[0].shape[1])))
 
 
-def _block_squares(values: np.ndarray) -> np.ndarray:
-    """(blocks,) mean squares of blocks of a segment's length of (samples, channels)."""
-    blocks = values[: len(values) // SAMPLES * SAMPLES].reshape(-1, SAMPLES * values.shape[1])
-    squares: np.ndarray = (blocks**2).mean(axis=1)
-    return squares
+def _block_squares(rests: Sequence[np.ndarray]) -> np.ndarray:
+    """(blocks,) mean squares of blocks of a segment's length of (samples, channels) of each recording."""
+    found = []
+    for values in rests:
+        blocks = values[: len(values) // SAMPLES * SAMPLES].reshape(-1, SAMPLES * values.shape[1])
+        known = (~np.isnan(blocks)).sum(axis=1)
+        found.append((np.nansum(blocks**2, axis=1) / np.maximum(known, 1))[known > 0])
+    return np.concatenate(found)
 
 
-def _quiet_square(each: np.ndarray) -> float:
-    """Mean of the quieter nine tenths of squares, 1 for noise: impacts that are met late are left out."""
-    return float(np.sort(each)[: max(1, round(_QUIET * len(each)))].mean() / _QUIET_SQUARE)
+def _quiet_square(each: np.ndarray, channels: int) -> float:
+    """Mean of the quieter nine tenths of squares, 1 for noise: impacts that are met late are left out.
+
+    Of noise a square of n numbers is chi-squared with n degrees of freedom over n, of which the mean below
+    its quantile q is F(q; n + 2) over the share below (Johnson, Kotz & Balakrishnan 1994, ch. 18).
+    """
+    from scipy.stats import chi2
+
+    n = SAMPLES * channels
+    floor = chi2.cdf(chi2.ppf(_QUIET, n), n + 2) / _QUIET
+    return float(np.sort(each)[: max(1, round(_QUIET * len(each)))].mean() / floor)
 
 
 def interval(errors: Sequence[Innovations]) -> tuple[float, float]:
@@ -127,11 +150,11 @@ def interval(errors: Sequence[Innovations]) -> tuple[float, float]:
     Of fewer where there are not ten such blocks, or a recording is shorter than one.
     """
     generator = np.random.default_rng(0)
-    squares = [_block_squares(one.values) for one in errors]
+    squares, channels = [_block_squares([one.values]) for one in errors], errors[0].values.shape[1]
     length = max(1, min(10, sum(map(len, squares)) // 10, *map(len, squares)))
     rows = np.concatenate([each[: len(each) // length * length].reshape(-1, length) for each in squares])
     found = [
-        np.sqrt(_quiet_square(rows[generator.integers(0, len(rows), len(rows))].ravel()))
+        np.sqrt(_quiet_square(rows[generator.integers(0, len(rows), len(rows))].ravel(), channels))
         for _ in range(_DRAWS)
     ]
     low, high = np.quantile(found, [0.025, 0.975])
@@ -141,85 +164,141 @@ def interval(errors: Sequence[Innovations]) -> tuple[float, float]:
 def locate(before: Sequence[Innovations], after: Sequence[Innovations]) -> dict[str, Any]:
     """Maps of the mismatch for the report; a ratio of 1 is what a perfect model shows."""
     channels = before[0].channels
-    first, significant = _heat(before)
-    second, _ = _heat(after)
-    frequency, level = _spectrum(before)
-    _, level_after = _spectrum(after)
+    first, states, (frequency, tones) = (
+        by_angle(_values(before), _angles(before)),
+        _by_state(before),
+        _by_tone(before),
+    )
+    second, states_after, (_, tones_after) = (
+        by_angle(_values(after), _angles(after)),
+        _by_state(after),
+        _by_tone(after),
+    )
+    angles, pressed, ringing = too_large([first, states, tones], _ALIKE)
     return {
         "channels": list(channels),
         "crank_angle_deg": [(k + 0.5) * 360.0 / ANGLE_BINS for k in range(ANGLE_BINS)],
-        "heat": first.tolist(),
-        "heat_after": second.tolist(),
-        "significant": significant.tolist(),
-        "regimes": _regimes(before, channels),
-        "regimes_after": _regimes(after, channels),
+        "heat": first.level.tolist(),
+        "heat_after": second.level.tolist(),
+        "significant": angles.tolist(),
+        "regimes": _named(states, channels),
+        "regimes_after": _named(states_after, channels),
+        "significant_regimes": {
+            c: [name for j, name in enumerate(_STATES) if pressed[i, j]] for i, c in enumerate(channels)
+        },
         "frequency_hz": frequency.tolist(),
-        "spectrum": {c: level[i].tolist() for i, c in enumerate(channels)},
-        "spectrum_after": {c: level_after[i].tolist() for i, c in enumerate(channels)},
+        "spectrum": {c: tones.level[i].tolist() for i, c in enumerate(channels)},
+        "spectrum_after": {c: tones_after.level[i].tolist() for i, c in enumerate(channels)},
+        "significant_spectrum": {c: ringing[i].tolist() for i, c in enumerate(channels)},
     }
 
 
-def _heat(errors: Sequence[Innovations]) -> tuple[np.ndarray, np.ndarray]:
-    return heat([one.values for one in errors], [one.angle for one in errors], _ALIKE)
+@dataclass(frozen=True)
+class Cells:
+    """What a model leaves in cells, channels by places.
+
+    Attributes:
+        square: (channels, places) sum of squares in units of the noise.
+        count: (channels, places) numbers that were added up.
+    """
+
+    square: np.ndarray
+    count: np.ndarray
+
+    @property
+    def level(self) -> np.ndarray:
+        """(channels, places) root mean squares, 1 for a perfect model; 0 where nothing is known."""
+        return np.sqrt(self.square / np.maximum(self.count, 1.0))
 
 
-def heat(
-    rests: Sequence[np.ndarray], angles: Sequence[np.ndarray], alike: float = 1.0
-) -> tuple[np.ndarray, np.ndarray]:
-    """(channels, ANGLE_BINS) root mean squares by crank angle, and which are too large for noise.
+def too_large(panels: Sequence[Cells], alike: float = 1.0) -> list[np.ndarray]:
+    """Of each panel (channels, places), where more is left than noise leaves; of all one in twenty is wrong.
 
     Reference: Benjamini & Hochberg 1995, J. R. Stat. Soc. B 57(1), 289-300.
 
     Args:
-        rests: (samples, channels) of each recording, what a model leaves in units of its noise.
-        angles: (samples,) of the crank [rad].
+        panels: of the same recordings.
         alike: neighbouring samples that count as one.
     """
     from scipy.stats import chi2
 
-    channels = rests[0].shape[1]
-    square, count = np.zeros((channels, ANGLE_BINS)), np.zeros(ANGLE_BINS)
-    for rest, angle in zip(rests, angles, strict=True):
-        place = (np.mod(angle, 2.0 * np.pi) / (2.0 * np.pi) * ANGLE_BINS).astype(int) % ANGLE_BINS
-        count += np.bincount(place, minlength=ANGLE_BINS)
-        for i in range(channels):
-            square[i] += np.bincount(place, rest[:, i] ** 2, minlength=ANGLE_BINS)
-    tail = chi2.sf(square / alike, np.maximum(count / alike, 1e-9))
-    order = np.sort(tail.ravel())
+    tails = [
+        np.where(one.count > 0, chi2.sf(one.square / alike, np.maximum(one.count / alike, 1e-9)), 1.0)
+        for one in panels
+    ]
+    order = np.sort(np.concatenate([tail.ravel() for tail in tails]))
     passing = order <= _FALSE_DISCOVERIES * np.arange(1, order.size + 1) / order.size
     limit = order[passing].max() if passing.any() else -1.0
-    return np.sqrt(square / np.maximum(count, 1.0)), tail <= limit
+    return [tail <= limit for tail in tails]
 
 
-def _regimes(errors: Sequence[Innovations], channels: Sequence[str]) -> dict[str, dict[str, float]]:
-    found: dict[str, dict[str, float]] = {}
-    for i, channel in enumerate(channels):
-        found[channel] = {}
-        for name in ("contact", "flight", "sliding"):
-            parts = []
-            for one in errors:
-                mask = {"contact": one.contact, "flight": ~one.contact, "sliding": one.sliding}[name]
-                parts.append(one.values[mask, i] ** 2)
-            joined = np.concatenate(parts)
-            if len(joined) > 20:
-                found[channel][name] = float(np.sqrt(joined.mean()))
-    return found
+def by_angle(rests: Sequence[np.ndarray], angles: Sequence[np.ndarray]) -> Cells:
+    """Channels by ``ANGLE_BINS`` of the crank angle.
+
+    Args:
+        rests: (samples, channels) of each recording, what a model leaves in units of its noise.
+        angles: (samples,) of the crank [rad].
+    """
+    shape = rests[0].shape[1], ANGLE_BINS
+    square, count = np.zeros(shape), np.zeros(shape)
+    for rest, angle in zip(rests, angles, strict=True):
+        place = (np.mod(angle, 2.0 * np.pi) / (2.0 * np.pi) * ANGLE_BINS).astype(int) % ANGLE_BINS
+        for i, values in enumerate(rest.T):
+            known = ~np.isnan(values)
+            count[i] += np.bincount(place[known], minlength=ANGLE_BINS)
+            square[i] += np.bincount(place[known], values[known] ** 2, minlength=ANGLE_BINS)
+    return Cells(square, count)
 
 
-def _spectrum(errors: Sequence[Innovations]) -> tuple[np.ndarray, np.ndarray]:
-    return spectrum([one.values for one in errors], errors[0].rate)
+def _by_state(errors: Sequence[Innovations]) -> Cells:
+    """Channels by contact, flight and sliding."""
+    values = np.concatenate(_values(errors))
+    contact = np.concatenate([one.contact for one in errors])
+    sliding = np.concatenate([one.sliding for one in errors])
+    masks = np.stack([contact, ~contact, sliding]).astype(float)
+    known = ~np.isnan(values)
+    return Cells((masks @ np.where(known, values, 0.0) ** 2).T, (masks @ known).T)
 
 
-def spectrum(rests: Sequence[np.ndarray], rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies [Hz] and (channels, frequencies) amplitude over that of the noise (Welch 1967)."""
+def _named(states: Cells, channels: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Levels of the states of which enough is known."""
+    return {
+        channel: {
+            name: float(states.level[i, j]) for j, name in enumerate(_STATES) if states.count[i, j] > _ENOUGH
+        }
+        for i, channel in enumerate(channels)
+    }
+
+
+def _by_tone(errors: Sequence[Innovations]) -> tuple[np.ndarray, Cells]:
+    return by_tone(_values(errors), errors[0].rate)
+
+
+def by_tone(rests: Sequence[np.ndarray], rate: float) -> tuple[np.ndarray, Cells]:
+    """Frequencies [Hz], and channels by these (Welch 1967).
+
+    Of noise the two parts of each block's amplitude are as one number each; at both ends of the range one.
+    """
     size = min(_BLOCK, *(len(rest) for rest in rests))
     window = np.hanning(size)
     power = []
     for rest in rests:
         blocks = len(rest) // size
-        frames = rest[: blocks * size].reshape(blocks, size, -1) * window[:, None]
+        frames = np.nan_to_num(rest[: blocks * size]).reshape(blocks, size, -1) * window[:, None]
         power.append(np.abs(np.fft.rfft(frames, axis=1)) ** 2 / (window**2).sum())
-    return np.fft.rfftfreq(size, 1.0 / rate), np.sqrt(np.concatenate(power).mean(axis=0).T)
+    each = np.concatenate(power)
+    frequency = np.fft.rfftfreq(size, 1.0 / rate)
+    parts = np.where((frequency == 0.0) | (frequency == 0.5 * rate), 1.0, 2.0) * len(each)
+    count = np.broadcast_to(parts, (each.shape[2], len(frequency)))
+    return frequency, Cells(each.mean(axis=0).T * count, count)
+
+
+def _values(errors: Sequence[Innovations]) -> list[np.ndarray]:
+    return [one.values for one in errors]
+
+
+def _angles(errors: Sequence[Innovations]) -> list[np.ndarray]:
+    return [one.angle for one in errors]
 
 
 def noticed(shares: Mapping[str, float]) -> list[str]:
@@ -235,19 +314,19 @@ def noticed(shares: Mapping[str, float]) -> list[str]:
 def summary(errors: Sequence[Innovations]) -> dict[str, Any]:
     """Channels' shares, the regime, and the ranges of angle and frequency that stand out."""
     channels = errors[0].channels
-    stacked = np.concatenate([one.values for one in errors])
-    excess = np.maximum((stacked**2).mean(axis=0) - 1.0, 0.0)
+    stacked = np.concatenate(_values(errors))
+    known = np.maximum((~np.isnan(stacked)).sum(axis=0), 1)
+    excess = np.maximum(np.nansum(stacked**2, axis=0) / known - 1.0, 0.0)
     share = excess / max(excess.sum(), 1e-12)
-    by_angle, _ = _heat(errors)
-    total = np.sqrt((by_angle**2).mean(axis=0))
+    total = np.sqrt((by_angle(_values(errors), _angles(errors)).level ** 2).mean(axis=0))
     loud = total > max(1.3, 0.5 * total.max())
     width = 360.0 / ANGLE_BINS
-    frequency, amplitude = _spectrum(errors)
-    level = np.sqrt((amplitude**2).mean(axis=0))
+    frequency, tones = _by_tone(errors)
+    level = np.sqrt((tones.level**2).mean(axis=0))
     high = level > max(1.3, 0.3 * level.max())
-    states = {}
-    for name in ("contact", "flight", "sliding"):
-        values = [v[name] for v in _regimes(errors, channels).values() if name in v]
+    states, levels = {}, _named(_by_state(errors), channels)
+    for name in _STATES:
+        values = [v[name] for v in levels.values() if name in v]
         if values:
             states[name] = float(np.sqrt(np.mean(np.square(values))))
     loudest = max(states, key=lambda s: states[s]) if states else "all"

@@ -11,15 +11,16 @@ import numpy as np
 from clearance.diagnosis.following.attempt import explained
 from clearance.diagnosis.following.trace import check_length
 from clearance.diagnosis.hypotheses.effect import Effect
-from clearance.diagnosis.hypotheses.hypothesis import Setting
+from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Setting
 from clearance.diagnosis.judging.calibration import simulated_scores
 from clearance.diagnosis.judging.evidence import gather_evidence
 from clearance.diagnosis.judging.held_out import ask, judge, speeds_near
 from clearance.diagnosis.judging.mismatch import innovations
 from clearance.diagnosis.judging.statement import state
 from clearance.diagnosis.judging.true_seconds import machine_of
+from clearance.diagnosis.judging.verdict import cushioned
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.location import locate_joint
+from clearance.diagnosis.searching.location import align_plausibly, locate_joint
 from clearance.diagnosis.searching.rattling import between_rails
 from clearance.diagnosis.searching.scrutiny import look_beside_nominal
 from clearance.diagnosis.searching.search import Search
@@ -95,6 +96,10 @@ def diagnose(
         left = f", at most {max(deadline - now, 0.0):.0f} left" if searching and deadline < np.inf else ""
         report(f"[{now - started:.0f} s{left}] {message}")
 
+    machine = settings[0].with_clearance(SOME_CLEARANCE)
+    for one in held_out:  # before minutes are spent on what was fitted
+        if all(one.name != fitted.name for fitted in recordings):
+            align_plausibly(one, machine, speed_range)
     search, explanation, joints = locate_joint(
         recordings, settings, effects, speed_range, workers, say, deadline, finished
     )
@@ -131,8 +136,9 @@ def diagnose(
         search, explanation, judged.held_out, judged.before, judged.after, errors,
         diagnosis["smallest_seen"], diagnosis["verdict"],
     )  # fmt: skip
-    machine = machine_of(best, search.setting, diagnosis["clearance"]["after_m"])
-    return Outcome(diagnosis, evidence, machine, explanation)
+    # where a gap was closed that the motion shows to be wide, what was found belongs to the closed one
+    clearance = best.fit.values[0, 0] if cushioned(explanation) else diagnosis["clearance"]["after_m"]
+    return Outcome(diagnosis, evidence, machine_of(best, search.setting, clearance), explanation)
 
 
 def patience(spent: float, time_limit: float) -> float:

@@ -88,9 +88,9 @@ def experiments(
         except (InputError, np.linalg.LinAlgError):  # a machine that does not run there
             continue
         followed = followed_segments(run.measured, speed * np.pi / 30.0) / run.segments
-        if left > 0.0:
-            needed = separating(explanation, left * followed, samples * followed)  # 0: it is lost at once
-            found.append(replace(proposed, recordings=ceil(np.clip(needed, 1.0, _COUNTLESS))))
+        own = followed * len(heard & {*ACCELERATIONS}) / len(ACCELERATIONS)  # others are deaf in the run
+        needed = separating(explanation, max(left, 0.0) * followed, samples * own)  # 0: lost at once
+        found.append(replace(proposed, recordings=ceil(np.clip(needed, 1.0, _COUNTLESS))))
     return sorted(found, key=lambda one: one.recordings)
 
 
@@ -99,6 +99,8 @@ def advised(found: Sequence[Experiment], tried: bool = True) -> str:
     if not found or found[0].recordings > _MOST:
         if not tried:
             return "There was no time to reckon which further recording would tell these explanations apart."
+        if not found:
+            return "Which further recording would tell these explanations apart could not be reckoned."
         return (
             "No other speed and no further accelerometer would tell these explanations apart with a hundred "
             "recordings."

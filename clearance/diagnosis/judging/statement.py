@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.clipping import unasked
 from clearance.diagnosis.judging.detectability import seen_beside
@@ -13,7 +15,7 @@ from clearance.diagnosis.judging.mismatch import Innovations, interval, noticed,
 from clearance.diagnosis.judging.play import clearance_of
 from clearance.diagnosis.judging.sensors import advice, calibrated_sensors, largest
 from clearance.diagnosis.judging.separation import advised, experiments
-from clearance.diagnosis.judging.true_seconds import true_speed
+from clearance.diagnosis.judging.true_seconds import by_true_seconds
 from clearance.diagnosis.judging.verdict import (
     FITTED,
     basis_of,
@@ -33,7 +35,10 @@ from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import null_scores, p_value
 from clearance.diagnosis.sensing.measured import Measured
 
-METRIC = "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths"
+METRIC = (
+    "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths; one above "
+    "4 standard deviations counts as twice its root"
+)
 
 
 def state(
@@ -57,6 +62,7 @@ def state(
         stopped: why not everything was tried; empty if it was.
     """
     setting, joint, best = search.setting, search.setting.joint, explanation.best
+    joints = {**joints, joint: explanation.nominal.misfit}  # which may have been followed better since
     where, after = summary(errors), judged.after
     verdict, basis = verdict_of(explanation, after), basis_of(explanation, after)
     # at the strikes of a slider that the motion shows loose
@@ -102,10 +108,11 @@ def state(
         "recordings": [
             {
                 "name": one.name, "seconds": one.seconds, "rate_hz": one.chain.rate,
-                "channels": list(one.channels), "speed_rpm": true_speed(best, r),
+                "channels": list(one.channels),
+                "speed_rpm": by_true_seconds(best, known.speed) * 30.0 / np.pi,
                 "held_out_seconds": sum(o.seconds for o in judged.held_out if o.name == one.name),
             }
-            for r, one in enumerate(search.recordings)
+            for one, known in zip(search.recordings, search.alignments, strict=True)
         ] + [
             {
                 "name": one.name, "seconds": 0.0, "rate_hz": one.chain.rate, "channels": list(one.channels),

@@ -18,9 +18,9 @@ def seconds_of(attempt: Attempt) -> np.ndarray:
     return _pace(attempt) ** np.array(powers)
 
 
-def true_speed(attempt: Attempt, recording: int) -> float:
-    """That the drive is asked for in one of the recordings [rpm]."""
-    return float(attempt.fit.values[recording, -1]) / _pace(attempt)
+def by_true_seconds(attempt: Attempt, speed: float) -> float:
+    """A speed that the recordings show by their clock."""
+    return speed / _pace(attempt)
 
 
 def machine_of(attempt: Attempt, setting: Setting, clearance: float) -> SliderCrank:
@@ -36,7 +36,9 @@ def machine_of(attempt: Attempt, setting: Setting, clearance: float) -> SliderCr
             own.append(sizes[place : place + count])
         place += count
     physics = [hypothesis for hypothesis in attempt.hypotheses if hypothesis.fault is None]
-    return setting.model(physics).machine(np.concatenate([*own, [true_speed(attempt, 0)]]))
+    return setting.model(physics).machine(
+        np.concatenate([*own, [by_true_seconds(attempt, attempt.fit.values[0, -1])]])
+    )
 
 
 def _pace(attempt: Attempt) -> float:

@@ -31,7 +31,7 @@ from clearance.mechanism.applied_force import TabulatedForce
 _PUSHES = {"torque": "torque", "moment": "moment"}
 _TOWARDS = {"x": ", along x", "y": ", along y", "normal": ", normal to the bearing"}
 _EXPLAINED = EXPLAINED**0.5  # of errors, which are roots of mean squares
-_LOST = 100.0  # times a perfect model's errors: the path was lost, and how far off it ended says nothing
+_LOST = 100.0  # times a perfect model's errors: how far off a path ends that is not followed says nothing
 HELPS = 0.99  # of the held-out error before: what leaves more is not said to lower it
 
 
@@ -67,6 +67,8 @@ def sentences(
     if verdict == "unknown" and (curve is None or not explained(explanation.best)):
         lines = [f"The nearest explanation is not enough: {line[0].lower()}{line[1:]}" for line in lines]
         lines += _nearer(explanation, held_out) if curve is None else []
+    elif verdict == "unknown":
+        lines = [f"Beside it, and not asserted: {line[0].lower()}{line[1:]}" for line in lines]
     if curve is not None:
         lines.insert(0, _free_force(explanation, curve, held_out))
         lines += _nearer(explanation, held_out)
@@ -158,11 +160,15 @@ def _effects(explanation: Explanation, joint: str) -> list[str]:
     sure = explained(best) or best is explanation.shown  # else intervals say nothing
     for hypothesis in best.hypotheses:
         if hypothesis.effect is not None:
-            shown = {}
-            for unknown, e in zip(hypothesis.unknowns, values[place:], strict=False):
+            shown, before = {}, []
+            for i, (unknown, e) in enumerate(zip(hypothesis.unknowns, values[place:], strict=False)):
                 parameter = hypothesis.effect.parameter(unknown.name)
                 shown[unknown.name] = parameter.text(e.value, *((e.low, e.high) if sure else ()))
-            lines.append(hypothesis.effect.describe(shown, joint))
+                if parameter.off is not None and hypothesis.off[i] != parameter.off:
+                    before.append(f"{parameter.text(hypothesis.off[i])} ({unknown.name})")
+            line = hypothesis.effect.describe(shown, joint)
+            own = f" This is in the place of the model's own: {', '.join(before)}." if before else ""
+            lines.append(f"{line}{own}")
         place += len(hypothesis.unknowns)
     return lines
 
@@ -233,7 +239,7 @@ def _gain(explanation: Explanation, held: dict[str, Any]) -> str:
             f"It does not help on held-out recordings, where errors are {after} with {them} and "
             f"{held['before']:.3g} without (floor 1.00)"
         )
-    without = f"{held['before']:.3g}" if held["before"] < _LOST else "more than 100, where its path is lost,"
+    without = f"{held['before']:.3g}" if held["before"] < _LOST else "more than 100"
     return f"With {them}, held-out error falls from {without} to {after} (floor 1.00)"
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from clearance.diagnosis.judging.mismatch import ANGLE_BINS, heat, ranges, spectrum
+from clearance.diagnosis.judging.mismatch import ANGLE_BINS, by_angle, by_tone, ranges, too_large
 
 _LOUD = 1.3  # a root mean square over noise that stands out
 
@@ -17,20 +17,20 @@ def maps(
     before: Rests, after: Rests, angles: tuple[Rests, Rests], channels: Sequence[str], rate: float
 ) -> dict[str, Any]:
     """What the report draws of residuals before and after."""
-    first, significant = heat(before, angles[0])
-    second, _ = heat(after, angles[1])
-    frequency, level = spectrum(before, rate)
-    _, level_after = spectrum(after, rate)
+    first, second = by_angle(before, angles[0]), by_angle(after, angles[1])
+    (frequency, tones), (_, tones_after) = by_tone(before, rate), by_tone(after, rate)
+    turning, ringing = too_large([first, tones])
     return {
         "title": "Error of the whole run, in units of the noise",
         "channels": list(channels),
         "crank_angle_deg": [(k + 0.5) * 360.0 / ANGLE_BINS for k in range(ANGLE_BINS)],
-        "heat": first,
-        "heat_after": second,
-        "significant": significant,
+        "heat": first.level,
+        "heat_after": second.level,
+        "significant": turning,
         "frequency_hz": frequency,
-        "spectrum": {c: level[i] for i, c in enumerate(channels)},
-        "spectrum_after": {c: level_after[i] for i, c in enumerate(channels)},
+        "spectrum": {c: tones.level[i] for i, c in enumerate(channels)},
+        "spectrum_after": {c: tones_after.level[i] for i, c in enumerate(channels)},
+        "significant_spectrum": {c: ringing[i] for i, c in enumerate(channels)},
     }
 
 
@@ -39,10 +39,9 @@ def summary(rests: Rests, angles: Rests, channels: Sequence[str], rate: float) -
     stacked = np.concatenate(list(rests))
     excess = np.maximum((stacked**2).mean(axis=0) - 1.0, 0.0)
     share = excess / max(float(excess.sum()), 1e-12)
-    by_angle, _ = heat(rests, angles)
-    frequency, level = spectrum(rests, rate)
-    angle_level = np.sqrt((by_angle**2).mean(axis=0))
-    frequency_level = np.sqrt((level**2).mean(axis=0))
+    frequency, tones = by_tone(rests, rate)
+    angle_level = np.sqrt((by_angle(rests, angles).level ** 2).mean(axis=0))
+    frequency_level = np.sqrt((tones.level**2).mean(axis=0))
     width = 360.0 / ANGLE_BINS
     return {
         "regime": "all",

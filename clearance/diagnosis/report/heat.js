@@ -19,6 +19,7 @@ function heatMap(parent, where) {
   if (states.length) panels.push({
     name: "contact state", weight: 0.19, before: byState(where.regimes), after: filled(where.regimes_after) ? byState(where.regimes_after) : null,
     columns: states.map((state, index) => ({ label: state, from: index, to: index + 1 })), domain: [0, states.length], kind: "state",
+    marked: channels.map((name) => states.map((state) => list(dict(where.significant_regimes)[name]).includes(state))),
   });
   const frequencies = list(where.frequency_hz);
   if (frequencies.length > 1 && filled(where.spectrum)) {
@@ -31,6 +32,7 @@ function heatMap(parent, where) {
     }));
     panels.push({
       name: "frequency", weight: 0.26, kind: "frequency",
+      marked: channels.map((name) => starts.map((start, index) => list(dict(where.significant_spectrum)[name]).slice(start, starts[index + 1] ?? frequencies.length).some(Boolean))),
       before: byBand(where.spectrum), after: filled(where.spectrum_after) ? byBand(where.spectrum_after) : null,
       columns: starts.map((start, index) => {
         const from = Math.max(0, frequencies[start] - gap / 2), to = starts[index + 1] === undefined ? frequencies[frequencies.length - 1] + gap / 2 : frequencies[starts[index + 1]] - gap / 2;
@@ -59,7 +61,7 @@ function heatMap(parent, where) {
     tabindex: "0", role: "group", "aria-label": `${label} Arrow keys move from cell to cell.`, onkeydown: keys,
     onpointerleave: leave, onblur: leave, onpointermove: pointed, onpointerdown: pointed,
   }, []);
-  parent.append(h("p", { class: "hint" }, panels[0].marked && panels[0].marked.length
+  parent.append(h("p", { class: "hint" }, panels.some((panel) => panel.marked && panel.marked.some((line) => list(line).some(Boolean)))
     ? "Outlined cells stand out after allowing for the number of cells looked at. Point at a cell for its value; the mechanism above turns with it."
     : "Point at a cell for its value; the mechanism above turns with it."));
   crank.follow((angle) => { for (const guide of guides) guide(angle); });

@@ -8,12 +8,13 @@ import numpy as np
 from clearance.diagnosis.following.attempt import explained
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Setting, gather
-from clearance.diagnosis.kinematics.agreement import aligned
+from clearance.diagnosis.kinematics.agreement import Alignment, aligned
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.nominal import refit_nominal
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.errors import InputError
+from clearance.mechanism.slider_crank import SliderCrank
 
 _UNLIKELY = 0.25  # share of the variance that the ideal mechanism must explain
 
@@ -50,21 +51,15 @@ def locate_joint(
         InputError: a recording that no machine of this kind could have made.
     """
     machine = settings[0].with_clearance(SOME_CLEARANCE)
-    alignments = [aligned(one, machine, speed_range) for one in recordings]
+    alignments = [align_plausibly(one, machine, speed_range) for one in recordings]
     for one, found in zip(recordings, alignments, strict=True):
         report(f"{one.name}: {found.speed * 30 / np.pi:.1f} rpm")
-        if found.explained < _UNLIKELY:
-            raise InputError(
-                f"{one.name}: this mechanism explains {max(found.explained, 0.0):.0%} of what it shows, at "
-                f"its best speed ({found.speed * 30 / np.pi:.0f} rpm); is it another machine's, are channels "
-                "swapped, does the crank turn from y to x instead of from x to y, or is its speed outside "
-                "speed_range?"
-            )
     searches = []
     for setting in settings:
         machine = setting.with_clearance(SOME_CLEARANCE)
         groups = gather(effects, machine, setting.joint, recordings[0].channels)
         search = Search(recordings, alignments, setting, groups, workers, report, deadline, finished)
+        search.speed_range = speed_range
         try:
             search.trace()
         except np.linalg.LinAlgError:
@@ -83,3 +78,20 @@ def locate_joint(
             break
     best = min(tried, key=lambda one: one[1].best.misfit)
     return *best, {search.setting.joint: found.best.misfit for search, found in tried}
+
+
+def align_plausibly(measured: Measured, machine: SliderCrank, speed_range: tuple[float, float]) -> Alignment:
+    """Speed and angle of a recording, as of ``aligned``.
+
+    Raises:
+        InputError: this mechanism explains next to nothing of it.
+    """
+    found = aligned(measured, machine, speed_range)
+    if found.explained < _UNLIKELY:
+        raise InputError(
+            f"{measured.name}: this mechanism explains {max(found.explained, 0.0):.0%} of what it shows, at "
+            f"its best speed ({found.speed * 30 / np.pi:.0f} rpm); is it another machine's, are channels "
+            "swapped, does the crank turn from y to x instead of from x to y, or is its speed outside "
+            "speed_range?"
+        )
+    return found

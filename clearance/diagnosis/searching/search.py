@@ -64,6 +64,7 @@ class Search:
         self.clearance, self.traces, self.starts = np.nan, list[Trace](), list[Start]()
         self.deadline, self.stopped = deadline, ""
         self.most: float = np.inf  # effects that may be missing together
+        self.speed_range = (0.0, np.inf)  # [rad/s] in which other recordings are
         self.patient_until = np.inf  # of ``time.monotonic``: when lost paths are not looked for any more
         folder = kept_in(finished, self.recordings, self.alignments, setting, groups)
         self.finished = Finished(folder, self.recordings, report)

@@ -228,6 +228,15 @@ def test_ways_on_which_held_out_recordings_are_followed(monkeypatch, name, patie
     assert [way() for way in ways] == expected.split()
 
 
+def test_the_speed_of_another_recording_is_sought_as_far_as_it_may_be():
+    own, other = SimpleNamespace(name="1.csv"), SimpleNamespace(name="2.csv")
+    search = SimpleNamespace(
+        recordings=[own], alignments=[SimpleNamespace(speed=-70.0)], speed_range=(20.0, 300.0)
+    )
+    assert judging.speeds_of(own, search) == (35.0, 140.0)
+    assert judging.speeds_of(other, search) == (20.0, 300.0)
+
+
 def test_a_recording_that_was_held_out_and_shows_no_motion_is_named(monkeypatch):
     def lost(*_):
         raise np.linalg.LinAlgError("the linkage does not turn")
@@ -236,6 +245,6 @@ def test_a_recording_that_was_held_out_and_shows_no_motion_is_named(monkeypatch)
     machine, fit = SimpleNamespace(force=force), SimpleNamespace(values=[None])
     timed = SimpleNamespace(model=SimpleNamespace(machine=lambda _: machine), fit=fit, followers=[])
     monkeypatch.setattr(judging, "aligned", lost)
-    search = SimpleNamespace(alignments=[SimpleNamespace(speed=70.0)])
+    search = SimpleNamespace(recordings=[], speed_range=(50.0, 100.0))
     with pytest.raises(InputError, match=r"held_out: 3\.csv shows no motion"):
         judging._clocked(SimpleNamespace(name="3.csv"), search, timed)

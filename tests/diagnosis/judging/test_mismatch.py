@@ -9,11 +9,12 @@ import pytest
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.mismatch import (
     ANGLE_BINS,
-    heat,
+    by_angle,
+    by_tone,
     innovations,
     interval,
     root_mean_square,
-    spectrum,
+    too_large,
 )
 from clearance.diagnosis.sensing.measured import SAMPLES
 from clearance.diagnosis.shooting.chart import Chart
@@ -32,8 +33,9 @@ def attempt(values, spread):
     follower = SimpleNamespace(path=SimpleNamespace(nodes=np.zeros((SEGMENTS, STATES))), measured=measured)
     chart = Chart.of(Setting(SliderCrank(), "C").with_clearance(1e-4))
     one = SimpleNamespace(
-        innovation=values, spread=spread, contacts=np.zeros((SEGMENTS, SAMPLES, 4)), chart=chart
-    )
+        innovation=values, spread=spread, contacts=np.zeros((SEGMENTS, SAMPLES, 4)), chart=chart,
+        used=np.ones(values.shape),
+    )  # fmt: skip
     fit = SimpleNamespace(passes=[one], values=np.array([[1e-4, 700.0]]))
     return SimpleNamespace(followers=[follower], fit=fit, scale=1.0)
 
@@ -78,12 +80,50 @@ def test_what_is_too_much_at_an_angle_or_a_frequency_is_seen_there():
     rest = rng.normal(size=(20_000, 2))
     place = 2.0 * np.pi * 12.5 / ANGLE_BINS
     rest[np.abs(np.mod(angle, 2.0 * np.pi) - place) < 0.08, 1] *= 3.0
-    level, loud = heat([rest[:8000], rest[8000:]], [angle[:8000], angle[8000:]])
+    rest[:100, 0] = np.nan  # unknown, which is not perfect
+    cells = by_angle([rest[:8000], rest[8000:]], [angle[:8000], angle[8000:]])
+    (loud,) = too_large([cells])
     assert loud[1, 12]
     assert loud.sum() <= 3  # of 72, one in twenty of those that are marked may be noise
-    assert level[1, 12] == pytest.approx(3.0, rel=0.1)
+    assert cells.level[1, 12] == pytest.approx(3.0, rel=0.1)
+    assert cells.level[0, 0] == pytest.approx(1.0, abs=0.15)
     tone = rng.normal(size=(20_000, 1)) + np.sin(2.0 * np.pi * 1250.0 * np.arange(20_000) / rate)[:, None]
     for length in (20_000, 100):  # fewer samples than a spectrum has
-        frequency, amplitude = spectrum([tone[:length]], rate)
-        assert frequency[amplitude[0].argmax()] == pytest.approx(1250.0, abs=rate / 100)
-    assert np.median(amplitude) < 2.0
+        frequency, tones = by_tone([tone[:length]], rate)
+        (loud,) = too_large([tones])
+        assert frequency[tones.level[0].argmax()] == pytest.approx(1250.0, abs=rate / 100)
+        assert 1 <= loud.sum() <= 5
+        assert loud[0, tones.level[0].argmax()]
+    assert np.median(tones.level) < 2.0
+
+
+def test_of_all_cells_together_hardly_any_of_noise_is_marked():
+    rng, marked = np.random.default_rng(4), 0
+    for _ in range(40):
+        rests = [rng.normal(size=(1500, 10)) for _ in range(2)]
+        turns = [np.linspace(0.0, 16.0, 1500) for _ in rests]
+        marked += any(one.any() for one in too_large([by_angle(rests, turns), by_tone(rests, 1e4)[1]]))
+    assert marked <= 6  # of 40 one in twenty, within chance
+
+
+def test_errors_count_over_what_a_perfect_model_s_are_at_that_moment_and_unknown_samples_do_not():
+    shape = (SEGMENTS, SAMPLES, len(CHANNELS))
+    spread = np.ones(shape)
+    spread[::7] = 5.0  # at impacts more is not foreseen
+    noise = spread * np.random.default_rng(3).normal(size=shape)
+    noise[10:20, :, 0] = 0.0
+    one = attempt(noise, spread)
+    one.fit.passes[0].used[10:20, :, 0] = 0.0
+    (found,) = innovations(one, "C")
+    assert np.isnan(found.values[:, 0]).sum() == 10 * SAMPLES
+    assert np.nanstd(found.values, axis=0) == pytest.approx([1.0, 1.0], abs=0.1)
+    assert root_mean_square([found]) == pytest.approx(1.0, abs=0.1)
+    other = innovations(one, "C", attempt(noise[:30], spread[:30]))  # followed on another stretch
+    assert np.nanstd(other[0].values) > 1.5
+
+
+def test_the_floor_is_one_however_few_channels_there_are():
+    rng = np.random.default_rng(5)
+    for channels in (1, 4, 10):
+        errors = [SimpleNamespace(values=rng.normal(size=(50_000, channels)))]
+        assert root_mean_square(errors) == pytest.approx(1.0, abs=0.01)

@@ -52,8 +52,8 @@ def test_a_sensor_that_feels_the_difference_is_worth_fewer_recordings(rod):
     same = needed.pop((None, 700))
     assert set(needed) == {(None, 525), (None, 931), *((c, 700) for c in ACCELERATIONS if c not in ROD)}
     assert 10 < needed["crank_b_transverse", 700] < 0.85 * same
-    assert needed["slider_horizontal", 700] < 0.95 * same
-    assert needed["crank_a_axial", 700] == same  # it rests
+    assert needed["slider_horizontal", 700] < same
+    assert same <= needed["crank_a_axial", 700] < 1.2 * same  # it rests, and is no more than further samples
 
 
 @pytest.mark.parametrize("left", [np.inf, 1e-300])
@@ -93,6 +93,8 @@ def test_what_is_advised_is_said_in_plain_words():
     )
     assert advised(found[1:]).startswith("4 further recordings at 525 rpm would")
     assert advised([Experiment(12, 700.0)]).startswith("12 further recordings like these would")
-    for none in ([], [Experiment(101, 700.0)]):
-        assert advised(none).startswith("No other speed and no further accelerometer")
+    far = [Experiment(101, 700.0)]
+    assert advised(far).startswith("No other speed and no further accelerometer")
+    assert advised([]).endswith("could not be reckoned.")
+    for none in ([], far):
         assert advised(none, tried=False).startswith("There was no time to reckon")

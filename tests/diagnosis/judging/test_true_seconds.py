@@ -8,7 +8,7 @@ import pytest
 
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
-from clearance.diagnosis.judging.true_seconds import machine_of, seconds_of, true_speed
+from clearance.diagnosis.judging.true_seconds import by_true_seconds, machine_of, seconds_of
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.slider_crank import SliderCrank
 
@@ -40,7 +40,7 @@ def test_forces_and_gains_beside_a_clock_at_fault_are_those_of_the_machine(first
     clock = ("timebase(rate_error)", [PACE - 1.0])
     drive = ("soft_drive(proportional, integral)", [3.0 * PACE, 90.0 * PACE**2])
     found = attempt(*([clock, drive] if first else [drive, clock]))
-    assert true_speed(found, 0) == pytest.approx(RPM)
+    assert by_true_seconds(found, found.fit.values[0, -1]) == pytest.approx(RPM)
     machine = machine_of(found, SETTING, 3.1e-4)
     assert (machine.drive.proportional, machine.drive.integral) == pytest.approx((3.0, 90.0))
     assert machine.drive.speed_rpm == pytest.approx(RPM)
