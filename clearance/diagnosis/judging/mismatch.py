@@ -214,6 +214,8 @@ class Cells:
 def too_large(panels: Sequence[Cells], alike: float = 1.0) -> list[np.ndarray]:
     """Of each panel (channels, places), where more is left than noise leaves; of all one in twenty is wrong.
 
+    The noise's size is taken from the recordings themselves, so that it may be larger than it seems.
+
     Reference: Benjamini & Hochberg 1995, J. R. Stat. Soc. B 57(1), 289-300.
 
     Args:
@@ -222,8 +224,9 @@ def too_large(panels: Sequence[Cells], alike: float = 1.0) -> list[np.ndarray]:
     """
     from scipy.stats import chi2
 
+    each = alike * (1.0 + _OWN_NOISE)
     tails = [
-        np.where(one.count > 0, chi2.sf(one.square / alike, np.maximum(one.count / alike, 1e-9)), 1.0)
+        np.where(one.count > 0, chi2.sf(one.square / each, np.maximum(one.count / alike, 1e-9)), 1.0)
         for one in panels
     ]
     order = np.sort(np.concatenate([tail.ravel() for tail in tails]))
