@@ -9,7 +9,6 @@ from math import inf, pi
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from hydra.core.hydra_config import HydraConfig
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
@@ -28,6 +27,7 @@ from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.significance import ENOUGH
 from clearance.diagnosis.sensing.demonstration import CLEARANCE, demonstration
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured, chain_of, segments_before
+from clearance.diagnosis.sensing.noise import still
 from clearance.diagnosis.sensing.tolerances import NOTHING_LEFT_OPEN, Tolerances
 from clearance.errors import InputError
 from clearance.mechanism.description import write_mechanism
@@ -234,7 +234,9 @@ def _load(
     told = {name: segments_before(len(one.values), apart) for name, one in everything.items()}
     silent = {
         name: tuple(
-            c for c in shared if told[name] and np.ptp(recording.channel(c)[: told[name] * SAMPLES]) == 0.0
+            c
+            for c in shared
+            if told[name] and still(c, recording.channel(c)[: told[name] * SAMPLES], recording.rate)
         )
         for name, recording in everything.items()
     }

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from clearance.trial.case import SEVERAL, UNNAMED
+from clearance.trial.shortfalls import AT_FLOOR, LIKE, shortfalls
 
 Row = Mapping[str, Any]
 BINS = (0.0, 0.5, 1.0, 2.0, 5.0, 20.0, float("inf"))
@@ -89,7 +90,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "direction": rate([_true(row, "direction_right") for row in seen]),
         "unknown_with_body": rate([row["right"] for row in unnamed]),
         "curve_correlation": quantiles([row["curve_correlation"] for row in curves]),
-        "curve_good": rate([row["curve_correlation"] >= 0.95 for row in curves]),
+        "curve_good": rate([row["curve_correlation"] >= LIKE for row in curves]),
         "curve_error": quantiles([row["curve_error"] for row in curves]),
         "parameter_coverage": rate([parameter["covered"] for parameter in asserted]),
         "parameter_error": quantiles([p["error"] for p in asserted if p["error"] is not None]),
@@ -126,8 +127,8 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "confusion": _confusion(rows),
         "failures": [
             {key: row.get(key) for key in ("name", "kind", "item", "joint", "clearance_m", "sensors", "noise",
-                                           "visibility", "verdict", "named", "why")}
-            for row in rows if row["why"] is not None and (row["visible"] or row["verdict"] != "none")
+                                           "visibility", "verdict", "named")} | {"why": "; ".join(found)}
+            for row in rows if (found := shortfalls(row))
         ],
     }  # fmt: skip
 
@@ -139,7 +140,7 @@ def _true(row: Row, key: str) -> bool:
 def _claims(row: Row) -> bool:
     """Whether a verdict says that its machine is as good as a perfect one."""
     held = row.get("held_out") or {}
-    return held.get("after") is not None and held["after"] <= 1.1 * held["floor"]
+    return held.get("after") is not None and held["after"] <= AT_FLOOR * held["floor"]
 
 
 def _at_floor(row: Row) -> bool:

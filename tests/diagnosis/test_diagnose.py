@@ -79,6 +79,24 @@ def test_the_report_carries_the_very_numbers(demonstrated):
     assert json.dumps(found["clearance"]["after_m"]) in page
 
 
+@pytest.mark.parametrize("window", [{}, {"width": 390, "height": 800, "touch": True}])
+def test_the_report_opens_without_a_network_and_shows_the_same(demonstrated, browser, window):
+    home, _, found = demonstrated
+    page = home / "run/report.html"
+    browser.open(page, **window)
+    assert browser.complaints == []
+    assert [url for url in browser.requests if not url.startswith("data:")] == [page.as_uri()]
+    assert browser.run("document.documentElement.scrollWidth") <= window.get("width", 1280)
+    assert found["summary"][0] in browser.run("document.body.innerText")
+    shown = browser.every("[data-key][data-source=diagnosis]", "[one.dataset.key, one.dataset.value]")
+    assert len(shown) > 10
+    for key, value in shown:
+        truth = found
+        for part in key.split("."):
+            truth = truth[int(part)] if isinstance(truth, list) else truth[part]
+        assert float(value) == pytest.approx(truth, rel=1e-7), key
+
+
 @pytest.mark.parametrize(
     ("joint", "clearance", "told"),
     [("C", 5e-4, "C"), pytest.param("B", 2e-4, "BC", marks=pytest.mark.slow)],

@@ -8,9 +8,11 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.clipping import unasked
+from clearance.diagnosis.judging.contradiction import contradictions
 from clearance.diagnosis.judging.detectability import seen_beside
 from clearance.diagnosis.judging.free_form import free_form_of
 from clearance.diagnosis.judging.held_out import Judged, likelier
+from clearance.diagnosis.judging.impacts import LEAST_RATE
 from clearance.diagnosis.judging.mismatch import Innovations, interval, noticed, root_mean_square, summary
 from clearance.diagnosis.judging.play import clearance_of
 from clearance.diagnosis.judging.sensors import advice, calibrated_sensors, largest
@@ -35,6 +37,7 @@ from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import null_scores, p_value
 from clearance.diagnosis.sensing.measured import Measured
 
+_RATE = 1e4  # Hz, at which strikes are told apart
 METRIC = (
     "root mean square of one-step prediction errors over a perfect model's, quietest nine tenths; one above "
     "4 standard deviations counts as twice its root"
@@ -125,7 +128,7 @@ def state(
             *_of_limits(unasked(search.recordings, search.groups.values())),
             *_of_judging(explanation, judged, struck, missed),
             *([f"Not everything was tried: {stopped}."] if stopped else []),
-            *(advice(search.recordings) if verdict == "unknown" and not explained(best) else []),
+            *(_of_recordings(search) if verdict == "unknown" and not explained(best) else []),
         ],
     }  # fmt: skip
 
@@ -140,6 +143,8 @@ def _held_out(judged: Judged, struck: Sequence[str], missed: Sequence[str]) -> d
     gain = 0.5 * likelier(judged.after, judged.before)
     if judged.after is not judged.before and gain != 0.0:
         held["log_likelihood_gain"] = gain
+    if judged.withdrawn:
+        held["candidates"] = 1 + len(judged.withdrawn)
     if struck:
         held["lost"] = struck
     if missed:
@@ -155,14 +160,27 @@ def _of_signals(recordings: Sequence[Measured]) -> list[str]:
     each = {one.name: one for one in recordings}.values()
     return [
         *(
-            f"{one.name}: left out, for showing nothing but a constant: {', '.join(one.silent)}"
+            f"{one.name}: left out, for showing nothing but a constant, or one for a time: "
+            f"{', '.join(one.silent)}"
             for one in each if one.silent
         ),
         *(
-            f"{one.name}: its accelerations have no noise to speak of, as simulations have none; 1 % "
+            f"{one.name}: accelerations have no noise to speak of there, as simulations have none; 1 % "
             "of the signal was added, or errors of the simulator would count as something missing."
             for one in each if one.noiseless
         ),
+    ]  # fmt: skip
+
+
+def _of_recordings(search: Search) -> list[str]:
+    """What the recordings themselves may be the reason of, where nothing explains them."""
+    rate = search.recordings[0].chain.rate
+    slow = (
+        f"At {rate:g} Hz strikes of the journal run together, and paths through a wide clearance are lost: "
+        f"record at {_RATE:g} Hz or more."
+    )
+    return [
+        *contradictions(search), *([slow] if rate < LEAST_RATE else []), *advice(search.recordings),
     ]  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from scipy.special import softmax
 
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.free_form import FREE_FORM, unnamed
+from clearance.diagnosis.hypotheses.hypothesis import Hypothesis
 from clearance.diagnosis.judging.free_form import direction_of
 from clearance.diagnosis.judging.true_seconds import seconds_of
 from clearance.diagnosis.searching.beside import HALFWAY
@@ -73,12 +74,23 @@ def withdraw(explanation: Explanation) -> None:
         for hypothesis in best.hypotheses:
             sizes = np.flatnonzero(~hypothesis.shapes)
             sure &= hypothesis.name == FREE_FORM or any(
-                not numbers[place + i].low <= hypothesis.off[i] <= numbers[place + i].high for i in sizes
+                not _may_be_off(numbers[place + i], hypothesis, int(i)) for i in sizes
             )
             place += len(hypothesis.unknowns)
         if sure:
             return
         best.withdrawn = True
+
+
+def _may_be_off(number: Estimate, hypothesis: Hypothesis, i: int) -> bool:
+    """Whether a parameter may as well be off: where that is at infinity, if it reaches the end of its range.
+
+    Not a sensor's limit, which is read off: where it cuts no slope tells how sure it is.
+    """
+    off = hypothesis.off[i]
+    if off == np.inf:
+        return hypothesis.kind == "physics" and number.high >= hypothesis.unknowns[i].high
+    return bool(number.low <= off <= number.high)
 
 
 def equivalents(explanation: Explanation) -> list[Attempt]:

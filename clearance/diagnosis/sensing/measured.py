@@ -7,7 +7,7 @@ from zlib import crc32
 import numpy as np
 
 from clearance.diagnosis.sensing.instrument import OTHER_AXIS, Instrument
-from clearance.diagnosis.sensing.noise import limit, noise_level
+from clearance.diagnosis.sensing.noise import limit, noise_level, still
 from clearance.diagnosis.sensing.tolerances import HALF, NOTHING_LEFT_OPEN, Tolerances
 from clearance.errors import InputError
 from clearance.recording.chain import MeasurementChain, declared_chain
@@ -68,7 +68,7 @@ class Measured:
         chain: the filter it went through.
         weights: see ``filter_weights``.
         limits: (channels,) at which each stops, see ``limit``; infinite where it does not.
-        silent: channels that were left out because they are constant.
+        silent: channels that were left out because they are constant, or stuck for a time.
         noiseless: whether its accelerations had no noise to speak of, as simulations have none: some was
             added.
         clock: what a clock that all recordings share shows where the whole recording begins [s].
@@ -119,9 +119,12 @@ class Measured:
                 f"give at least {(2 * REACH + 8) * SAMPLES}"
             )
         told = values[: SAMPLES * segments_before(len(values), held_out)]
-        alive = [i for i in range(len(known)) if np.ptp(told[:, i]) > 0.0]
+        alive = [i for i, channel in enumerate(known) if not still(channel, told[:, i], recording.rate)]
         if not alive:
-            raise InputError(f"{name}: every channel is constant; check the sensors or the columns' names")
+            raise InputError(
+                f"{name}: every channel is constant, or stuck for a time; check the sensors or the columns' "
+                "names"
+            )
         silent = tuple(c for i, c in enumerate(known) if i not in alive)
         known, values, told = [known[i] for i in alive], values[:, alive], told[:, alive]
         signals = tuple(_SIGNAL_OF[c] for c in known)
@@ -140,14 +143,15 @@ class Measured:
         """The same recording, with noise if its accelerations have none, as simulations have none.
 
         Otherwise errors of integrators, this one's and that of the simulation, would count as something
-        missing. Most accelerations must have less than any sensor; all of them get some then, the same as
-        often as it is asked for.
+        missing. Those get some that have less than any sensor, and all where most have; the same as often as
+        it is asked for.
         """
         size, accelerations = self.recorded.std(axis=0), np.array(self.signals) < Signal.CRANK_ANGLE
         quiet = accelerations & (self.sigma < _LEAST * size)
-        if 2 * quiet.sum() <= accelerations.sum():
+        if not quiet.any():
             return self
-        added = np.where(accelerations, _ADDED * np.maximum(size, np.median(size[accelerations])), 0.0)
+        chosen = accelerations if 2 * quiet.sum() > accelerations.sum() else quiet
+        added = np.where(chosen, _ADDED * np.maximum(size, np.median(size[accelerations])), 0.0)
         random = np.random.default_rng(crc32(self.recorded.tobytes()))
         noise = added * random.normal(size=self.recorded.shape)
         recorded = self.recorded + np.where(np.abs(self.recorded) < self.limits, noise, 0.0)

@@ -9,6 +9,7 @@ from clearance.simulation.layout import Signal
 _BLOCK, _FRAMES = 64, 50_000  # samples that show the noise; how often it is looked for between limits
 _REPEATED = 5  # times as often as values near it comes a limit
 _OUTER, _NEXT = 0.9, 4  # share of it, and levels, that are near
+_STUCK, _FEW = 0.02, 20  # s, and samples, for which no accelerometer that works shows one value
 _ROUNDED = 4.7  # times the noise of a count: more than its rounding alone shows in third differences
 
 
@@ -64,3 +65,23 @@ def noise_level(values: np.ndarray, signal: int, limit: float = np.inf) -> float
         if (steps > 0.0).any():
             estimate = max(estimate, steps[steps > 0.0].min() / np.sqrt(12.0))
     return float(max(estimate, 1e-6 * max(values.std(), 1e-6)))
+
+
+def still(channel: str, values: np.ndarray, rate: float) -> bool:
+    """Whether a channel shows one value all along, or an accelerometer is stuck at one for a time.
+
+    No sensor that works shows the same for 20 ms, unless it has reached its limit.
+
+    Args:
+        channel: name.
+        values: (samples,).
+        rate: [Hz].
+    """
+    changed = np.flatnonzero(np.diff(values))
+    if not len(changed):
+        return True
+    starts = np.concatenate([[0], changed + 1])
+    lengths = np.diff(np.append(starts, len(values)))
+    held = values[starts]
+    stuck = (lengths > max(_STUCK * rate, _FEW)) & (held > values.min()) & (held < values.max())
+    return channel != "crank_angle" and bool(stuck.any())

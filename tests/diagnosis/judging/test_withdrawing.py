@@ -34,6 +34,15 @@ def test_a_limit_that_was_read_off_stays_though_no_slope_tells_how_sure_it_is(mo
     assert not limit.withdrawn
 
 
+def test_a_frame_that_may_as_well_be_rigid_is_withdrawn(monkeypatch):
+    for high, withdrawn in ((1e6, True), (2e3, False)):
+        frame = attempt(["flexible_base"], 0.9, off=np.inf)
+        numbers = [Estimate(3e-4, 3e-4, 3e-4), Estimate(1e3, 500.0, high)]
+        monkeypatch.setattr(verdict, "estimates", lambda _, known=numbers: known)
+        withdraw(Explanation(attempt([], 1.0), [frame]))
+        assert frame.withdrawn == withdrawn
+
+
 def test_an_effect_whose_interval_excludes_off_stays(monkeypatch):
     sure = attempt(["gravity"], 0.9)
     monkeypatch.setattr(verdict, "estimates", lambda _: [Estimate(3e-4, 3e-4, 3e-4), Estimate(0.2, 0.1, 0.3)])

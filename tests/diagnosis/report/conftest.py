@@ -1,19 +1,8 @@
-"""One headless browser for all tests of the report."""
+"""Reports that are written and opened."""
 
 import pytest
 
 from clearance.diagnosis.report import write_report
-from tests.diagnosis.report.browser import Browser, find_browser
-
-
-@pytest.fixture(scope="session")
-def browser(tmp_path_factory):
-    program = find_browser()
-    if program is None:
-        pytest.skip("no browser of the Chromium family is installed")
-    found = Browser(program, tmp_path_factory.mktemp("profile"))
-    yield found
-    found.close()
 
 
 @pytest.fixture
