@@ -7,22 +7,29 @@ import numpy as np
 import pytest
 
 import clearance.bench
+from clearance.benchmark import campaigns
+from clearance.benchmark.comparable import comparable
+from clearance.benchmark.measurement import Cost
 from clearance.benchmark.report import lines
+from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.chain import MeasurementChain
 from clearance.recording.sensors import SensorChain
 from clearance.recording.synthesis import Campaign, ClearanceLocation
 from clearance.simulation.integrator import Integrator
+from tests.command_line import call
 
 SMALL = Campaign(
     SliderCrank(), ClearanceLocation("C", False, True), Integrator(), MeasurementChain(), SensorChain(),
     runs=16, seed=1, duration=0.6, record_start=0.4,
 )  # fmt: skip
+ROW = campaigns.row("stepping", Cost(2.0, 1.0), 100)
 
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("bench") / "results"
+    folder = tmp_path_factory.mktemp("bench") / "model=tcn, o'neil (2) é"  # what Hydra takes for its grammar
+    folder.mkdir()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(clearance.bench, "find_spec", lambda name: None)  # as if Exudyn were not there
         report = clearance.bench.bench(SMALL, 2, folder, {})
@@ -64,6 +71,76 @@ def test_the_table_says_how_to_install_exudyn_and_claims_no_target_for_a_few_run
     table = list(lines(small[1]))
     assert "pip install" in table[-1]
     assert not any("target 10 s" in line or "target 5 s" in line for line in table)
+
+
+def test_what_was_measured_before_a_failure_is_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(clearance.bench, "find_spec", lambda _: None)
+    monkeypatch.setattr(clearance.bench, "measure_campaign", lambda *_: iter([ROW, ROW]))
+    monkeypatch.setattr(clearance.bench, "warm_up", lambda _: Cost(0.0, 0.0))
+
+    def failing(_):
+        raise InputError("the disk is full")
+
+    monkeypatch.setattr(clearance.bench, "measure_startup", failing)
+    with pytest.raises(InputError, match="the disk is full"):
+        clearance.bench.bench(SMALL, 2, tmp_path, None)
+    kept = json.loads((tmp_path / "bench.json").read_text())
+    assert kept["campaign"] == [ROW, ROW]
+    assert (kept["startup"], kept["comparison"]) == ([], None)  # as the table is made of
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("comparison.clearances=[]", r"comparison.clearances = \[\] is not a list of one clearance"),
+        ("comparison.clearances=1e-4", "comparison.clearances = 0.0001 is not a list"),
+        ("comparison.clearances=[0.0]", "comparison.clearances: 0 m is out of range; .* from 1e-06 to 0.001"),
+        ("comparison.speed_rpm=fast", "comparison.speed_rpm: 'fast' is not a number"),
+        ("comparison.duration=0.5", "comparison.duration: 0.5 s is out of range; .* from 0.50001 to 3600 s"),
+        ("comparison.repeats=0", "comparison.repeats = 0 is not a whole number, 1 or more"),
+        ("drive.ramp=0", "drive.ramp = 0 s: .* needs a step of 1e-05 s or more.*; change drive.ramp"),
+        ("drive=direct_current_motor", "drive = DirectCurrentMotor: .* write drive=speed_control"),
+        ("friction=coulomb", "friction = Coulomb: .*comparison=null$"),
+        ("film=squeeze", "film = "),
+        ("guide=loose", "guide = LooseGuide: "),
+        ("process=constant", "process = "),
+        ("mechanism.gravity=[0,-9.81]", r"mechanism.gravity = \[0, -9.81\]: "),
+        ("mechanism.guide_offset=0.01", "mechanism.guide_offset = 0.01 m: "),
+        ("mechanism.joint_b.clearance=1e-4", "mechanism.joint_b.clearance = 0.0001 m: "),
+        ("contact=flores contact.restitution=0.5", "contact.restitution = 0.5 of Flores: "),
+    ],
+)
+def test_what_exudyn_cannot_be_compared_with_is_refused_before_anything_is_measured(
+    override, words, refused, monkeypatch
+):
+    monkeypatch.setattr(clearance.bench, "find_spec", lambda _: True)  # as if Exudyn were there
+    refused("bench", words, *override.split())
+
+
+def test_exudyn_is_compared_with_on_the_nominal_machine():
+    asked = {"clearances": [5e-4, 1e-4], "speed_rpm": 600.0, "duration": 1, "repeats": 3}
+    assert comparable(SMALL, **asked) == asked
+
+
+def test_without_exudyn_any_machine_is_measured(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(clearance.bench, "find_spec", lambda _: True)
+    monkeypatch.setattr(clearance.bench, "measure_campaign", lambda *_: iter([ROW]))
+    monkeypatch.setattr(clearance.bench, "measure_startup", lambda _: [])
+    monkeypatch.setattr(clearance.bench, "warm_up", lambda _: Cost(0.0, 0.0))
+    code, error = call(monkeypatch, capfd, "bench", "comparison=null", "friction=coulomb", "folder=5")
+    assert code == 0, error
+    assert json.loads((tmp_path / "5/bench.json").read_text())["comparison"] is None
+
+
+@pytest.mark.parametrize("suite", ["simulator", "together", "gpu"])
+def test_a_folder_that_cannot_be_is_refused_before_anything_is_measured(
+    suite, refused, tmp_path, monkeypatch
+):
+    (tmp_path / "5").write_text("a file")
+    monkeypatch.setitem(clearance.bench.SUITES, suite, lambda *_: pytest.fail("measured"))
+    refused("bench", "5: File exists; choose another path", f"suite={suite}", "folder=5")
+    refused("bench", "^error: /proc/.*choose another path", f"suite={suite}", "folder=/proc")  # not even root
 
 
 def test_exudyn_agrees_where_the_motion_is_periodic():

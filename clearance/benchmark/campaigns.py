@@ -1,7 +1,7 @@
 """Cost of a campaign: stepping alone, with the filter, and stored on disk."""
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -115,17 +115,9 @@ def measure_storing(campaign: Campaign, workers: int, record_start: float, folde
     )
 
 
-def measure_campaign(
-    campaign: Campaign, workers: int, folder: Path, announce: Callable[[Row], None]
-) -> list[Row]:
+def measure_campaign(campaign: Campaign, workers: int, folder: Path) -> Iterator[Row]:
     """All of the above, in the order of growing memory, so that each peak is that of its own row."""
-    rows = []
-    for work in (
-        lambda: measure_stepping(campaign, workers),
-        lambda: measure_storing(campaign, workers, campaign.record_start, folder),
-        lambda: measure_filtering(campaign, workers),
-        lambda: measure_storing(campaign, workers, 0.0, folder),
-    ):
-        rows.append(work())
-        announce(rows[-1])
-    return rows
+    yield measure_stepping(campaign, workers)
+    yield measure_storing(campaign, workers, campaign.record_start, folder)
+    yield measure_filtering(campaign, workers)
+    yield measure_storing(campaign, workers, 0.0, folder)

@@ -23,7 +23,7 @@ def lines(report: dict[str, Any]) -> Iterator[str]:
     for entry in report["startup"]:
         yield f"{entry['task']:44}{entry['wall_s']:8.2f}{entry['cpu_s']:8.2f}{_remarks(entry, True)}"
     if report["comparison"] is None:
-        yield "Exudyn is not installed: pip install '.[exudyn]' adds the comparison"
+        yield "not compared with Exudyn: pip install '.[exudyn]' adds that, comparison=null leaves it out"
         return
     yield f"{'one core, by processor time':50}{'steps/s':>20}{'ratio':>8}  slider acceleration, std [m/s^2]"
     for entry in report["comparison"]:

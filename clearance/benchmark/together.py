@@ -16,7 +16,7 @@ import numpy as np
 
 from clearance.benchmark.measurement import Cost, measure
 from clearance.models.neural import NeuralEstimator
-from clearance.models.run_folder import RunFolder, environment
+from clearance.models.run_folder import RunFolder, environment, hardware
 from clearance.models.together import fit_together
 from clearance.windows.datamodule import WindowData
 from clearance.windows.sources import FixedSource, LabelledRecordings
@@ -57,6 +57,7 @@ def measure_together(
     seeds: int,
     steps: int,
     epochs: int,
+    threads: int,
     folder: Path,
     announce: Callable[[dict[str, Any]], None],
 ) -> dict[str, Any]:
@@ -67,7 +68,8 @@ def measure_together(
         names: Of models.
         seeds: Trained together.
         steps: Batches of 64 an epoch, about; 15 windows validate to 70 that train, as in the paper.
-        epochs: Of the trainings that are measured.
+        epochs: Of the trainings that are measured, which must not stop earlier.
+        threads: Of the processor, as ``model`` sets them.
         folder: For what trainings leave, while they are measured.
         announce: Called with every row.
     """
@@ -101,7 +103,7 @@ def measure_together(
         announce(rows[-1])
     return {
         "date": datetime.now().astimezone().isoformat(timespec="seconds"),
-        "environment": environment(),
+        "environment": environment(threads),
         "scale": {"seeds": seeds, "windows": windows, "batch": _BATCH, "epochs": epochs},
         "models": rows,
     }
@@ -123,9 +125,9 @@ def _measured(estimators: Sequence[NeuralEstimator], data: WindowData, folder: P
 
 def lines(report: dict[str, Any]) -> Iterator[str]:
     """The table, line by line."""
-    place, scale = report["environment"], report["scale"]
+    scale = report["scale"]
     yield (
-        f"{scale['seeds']} seeds together against one after another on {place['gpu'] or place['processor']}; "
+        f"{scale['seeds']} seeds together against one after another on {hardware(report['environment'])}; "
         f"{scale['windows']} windows an epoch; a run is {PAPER_EPOCHS} epochs of the paper's {PAPER_WINDOWS}"
     )
     yield f"{'':14}{'runs/h apart':>14}{'together':>12}{'ratio':>8}{'by processor time':>20}"
