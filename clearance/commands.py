@@ -170,7 +170,7 @@ def _failing_alone(cfg: DictConfig) -> Iterator[None]:
 def _interrupted(cfg: DictConfig | None, resumes: bool) -> NoReturn:
     forgetful = cfg is not None and "finished" in cfg and cfg.finished is None
     if forgetful or not resumes:
-        sys.stderr.write("interrupted; nothing was kept: the same command begins anew\n")
+        sys.stderr.write("interrupted; the same command begins anew\n")
         raise SystemExit(130) from None
     anew = cfg is not None and cfg.get("resume") is False
     how = ", with resume=true once it has begun to train," if anew else ""

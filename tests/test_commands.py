@@ -229,7 +229,7 @@ def test_a_command_that_keeps_nothing_does_not_promise_to_go_on(capsys):
         with pytest.raises(SystemExit) as left, _reported(**settings):
             raise KeyboardInterrupt
         assert left.value.code == 130
-        assert capsys.readouterr().err == "interrupted; nothing was kept: the same command begins anew\n"
+        assert capsys.readouterr().err == "interrupted; the same command begins anew\n"
 
 
 def test_an_error_that_ctrl_c_caused_is_reported_as_an_interruption(capsys):
