@@ -423,7 +423,7 @@ def test_a_trial_without_a_case_of_a_kind_is_listed_too(secrets):
 
 
 def test_a_small_trial_of_the_tool_itself(tmp_path):
-    """One null, one effect, one force outside the list: concealed, diagnosed, revealed, scored."""
+    """One null, one effect, one force outside the list: concealed, diagnosed where no truth lies, scored."""
     settings = (
         "seed=7", "folder=trial", "sealed=sealed", "parallel=2", "time_limit=600", "hydra.run.dir=run",
         "scope.cases=3", "scope.shares={none: 1, effect: 1, instrument: 0, pair: 0, outside: 1, left_out: 0}",
@@ -435,12 +435,20 @@ def test_a_small_trial_of_the_tool_itself(tmp_path):
         'arguments=["time_limit=600","hypotheses=[gravity,contact_stiffness,restitution,sensor_gain]"]',
     )  # fmt: skip
     (tmp_path / "page.md").write_text("\n".join(marks("trials", "trial")))
-    done = subprocess.run(
-        command("trial", *settings), cwd=tmp_path, env=environment(), capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    assert "commitment SHA-256" in done.stdout
-    assert done.stdout.index("commitment SHA-256") < done.stdout.index("verdicts committed")
+
+    def run(stage):
+        done = subprocess.run(
+            command("trial", *settings, f"stage={stage}"), cwd=tmp_path, env=environment(),
+            capture_output=True, text=True,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert "commitment SHA-256" in run("conceal")
+    (tmp_path / "sealed").rename(tmp_path / "gone")
+    run("diagnose")
+    (tmp_path / "gone").rename(tmp_path / "sealed")
+    assert "verdicts committed" in run("reveal")
     summary = json.loads((tmp_path / "published/trial-7.json").read_text())
     assert summary["seed"] == 7
     assert summary["without_verdict"] == 0
