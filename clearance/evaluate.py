@@ -1,7 +1,7 @@
 """Turn finished trainings into tables: ``python -m clearance.evaluate``."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -74,26 +74,41 @@ def main(cfg: DictConfig) -> None:
     log.info("%s", markdown(rows))
     if cfg.results is None:
         return
+    # Everything is read and made before anything is written.
     results, shown, bench = (Path(str(path)) for path in (cfg.results, cfg.picture, cfg.bench))
-    fresh = read_json(shown / FRESH, "picture") if cfg.picture else None
-    results.mkdir(parents=True, exist_ok=True)
     rows = with_recorded(rows, results / "trainings.json")
+    measured = read_json(bench, "bench") if bench.exists() else None
+    picture = None
+    if cfg.picture:
+        fresh = read_json(shown / FRESH, "picture")
+        picture = overview(fresh, (read_yaml(shown / CONFIG, "picture") or {}).get("name", ""))
+    text = renewed(Path(str(cfg.readme)), rows, measured) if cfg.readme else None
+    results.mkdir(parents=True, exist_ok=True)
     write_json(results / "trainings.json", rows)
-    if fresh is not None:
-        name = (read_yaml(shown / CONFIG, "picture") or {}).get("name", "")
-        figure = overview(fresh, name)
-        write_atomically(results / "overview.png", lambda file: figure.savefig(file, dpi=110))
-    blocks = {"results": markdown([row for row in rows if row["experiment"] not in EXPERIMENTS])}
-    if bench.exists():
-        measured = read_json(bench, "bench")
+    if picture is not None:
+        write_atomically(results / "overview.png", lambda file: picture.savefig(file, dpi=110))
+    if measured is not None:
         write_json(results / "bench.json", measured)
+    if text is not None:
+        write_atomically(Path(str(cfg.readme)), lambda file: file.write_text(text, encoding="utf-8"))
+
+
+def renewed(page: Path, rows: Sequence[dict[str, Any]], measured: dict[str, Any] | None) -> str:
+    """The text of a page with the tables of trainings and, where it was measured, of the benchmark.
+
+    Raises:
+        InputError: the page, or lines that mark where tables belong in it, are not there.
+    """
+    try:
+        text = page.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"readme = {page}: not a readable page ({error}); change readme") from error
+    blocks = {"results": markdown([row for row in rows if row["experiment"] not in EXPERIMENTS])}
+    if measured is not None:
         blocks["bench"] = report.markdown(measured)
-    if cfg.readme:
-        readme = Path(str(cfg.readme))
-        text = readme.read_text(encoding="utf-8")
-        for block, content in blocks.items():
-            text = put_between_marks(text, block, content)
-        write_atomically(readme, lambda file: file.write_text(text, encoding="utf-8"))
+    for block, content in blocks.items():
+        text = put_between_marks(text, block, content)
+    return text
 
 
 def measure_coverage(run: Path, recordings: int) -> None:

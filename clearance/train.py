@@ -22,6 +22,7 @@ from clearance.models.gauge import Gauge
 from clearance.models.run_folder import METRICS, RunFolder, environment
 from clearance.models.seen import require_apart, require_same_division
 from clearance.models.together import fit_together, shareable
+from clearance.recording.bounds import whole
 from clearance.whole_files import read_json
 from clearance.windows.datamodule import WindowData
 
@@ -37,6 +38,8 @@ def main(cfg: DictConfig) -> float | None:
     if not isinstance(cfg.resume, bool):
         raise InputError(f"resume = {cfg.resume!r} is neither true nor false; change resume")
     _require_read(cfg, {set_key(one) for one in HydraConfig.get().overrides.task})
+    if "training" not in cfg.model:  # a network checks all of its trainer
+        whole(cfg.trainer.get("threads"), "trainer.threads", 1, 1024, null=True)
     instantiate(cfg.sensors)
     data = instantiate(each[0].data, _convert_="all")
     estimators = [instantiate(one.model, _convert_="all") for one in each]

@@ -117,6 +117,27 @@ def test_weights_that_divided_other_recordings_of_the_same_machines_are_refused(
         require_same_division(run, config, count, "of a list with other lines")
 
 
+def test_weights_that_have_seen_the_files_of_a_list_are_known_by_what_these_hold(trained, tmp_path):
+    run = shutil.copytree(trained / "run", tmp_path / "run")
+    config, metrics = read_yaml(run / "config.yaml"), read_json(run / "metrics.json")
+    count, fingerprint = metrics["data"]["recordings"], metrics["data"]["fingerprint"]
+    config["data"]["source"] = {"_target_": "clearance.windows.measured.MeasuredSource", "path": "list.csv"}
+    (run / "config.yaml").write_text(yaml.safe_dump(config))
+    config["data"]["source"]["path"] = "copy-of-list.csv"
+    require_same_division(run, config, count, fingerprint)
+    config["data"]["split"]["seed"] = 98
+    require_same_division(run, config, count, "of other recordings")
+    words = r"has seen recordings that this training would be tested on \(split_seed differ\)"
+    with pytest.raises(InputError, match=words):
+        require_same_division(run, config, count, fingerprint)
+
+
+@pytest.mark.parametrize("threads", ["0", "many", "1.5"])
+def test_trees_are_not_grown_on_an_impossible_number_of_threads(refused, threads):
+    words = f"trainer.threads = '?{threads}'? is not a whole number from 1 to 1024, or null; change trainer"
+    refused("train", words, *TREES, f"trainer.threads={threads}")
+
+
 @pytest.mark.parametrize("left", ["config.yaml", "checkpoints"])
 def test_files_that_no_training_left_are_kept(refused, tmp_path, left):
     (tmp_path / "run").mkdir()

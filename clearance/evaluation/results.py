@@ -142,10 +142,12 @@ def put_between_marks(text: str, name: str, block: str, command: str = "evaluate
     """Replace what stands between the marks of a block.
 
     Raises:
-        InputError: if the marks are not there.
+        InputError: if the marks are not there, one after the other.
     """
     begin, end = marks(name, command)
-    if begin not in text or end not in text:
-        raise InputError(f"readme lacks the lines {begin!r} and {end!r}, between which the table belongs")
-    head, rest = text.split(begin, 1)
-    return f"{head}{begin}\n{block}{end}{rest.split(end, 1)[1]}"
+    head, _, rest = text.partition(begin)
+    if end not in rest:
+        raise InputError(
+            f"readme lacks the lines {begin!r} and {end!r} in this order, between which the table belongs"
+        )
+    return f"{head}{begin}\n{block}{end}{rest.partition(end)[2]}"

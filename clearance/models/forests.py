@@ -105,7 +105,7 @@ class RandomForest:
         trees: Number of trees.
         depth: Largest depth.
         features: Share of the features that each split considers; 1.0 is the paper's library default.
-        jobs: Processes; -1 takes all cores.
+        jobs: Threads; -1 takes ``trainer.threads`` or, where that is null, all cores.
     """
 
     def __init__(self, trees: int = 100, depth: int = 20, features: float = 1.0, jobs: int = -1) -> None:
@@ -140,6 +140,8 @@ class RandomForest:
     def fit(self, data: WindowData, run: RunFolder) -> float:
         """Grow the trees on the training windows; nothing is chosen on validation windows."""
         windows = data.training_windows()
+        if self._settings["n_jobs"] == -1:
+            self._settings["n_jobs"] = _threads_of(run) or -1
         begin = time.perf_counter()
         forest = RandomForestRegressor(**self._settings, random_state=run.seed)
         target = windows.target.squeeze(1)  # of one target the library wants no column
@@ -166,6 +168,8 @@ class RandomForest:
 class GradientBoosting:
     """XGBoost, equation (11); of several targets each has trees of its own.
 
+    It takes ``trainer.threads`` or, where that is null, as many as OpenMP gives it.
+
     Args:
         rounds: Number of trees.
         depth: Largest depth.
@@ -181,6 +185,7 @@ class GradientBoosting:
         if device not in ("cpu", "cuda"):
             raise InputError(f"model.device={device}: must be cpu or cuda; set model.device")
         self._rounds = rounds
+        self._threads: int | None = None
         self._settings = {
             "max_depth": depth,
             "learning_rate": learning_rate,
@@ -198,8 +203,8 @@ class GradientBoosting:
 
     @property
     def processors(self) -> tuple[int | None, bool]:
-        """Threads, of which the library takes as many as torch, and whether a GPU computes."""
-        return None, self._settings["device"] == "cuda"
+        """Threads, of which the library takes as many as torch unless told, and whether a GPU computes."""
+        return self._threads, self._settings["device"] == "cuda"
 
     def check(self, data: WindowData) -> None:
         """Nothing: trees read windows of any shape."""
@@ -219,14 +224,15 @@ class GradientBoosting:
     def fit(self, data: WindowData, run: RunFolder) -> float:
         """Add the trees one by one; the validation loss of each is logged and chooses nothing."""
         train, validation = data.training_windows(), data.validation_windows()
+        self._threads = _threads_of(run)
         begin = time.perf_counter()
         matrices = {
-            name: xgboost.DMatrix(part.flattened(), part.target.numpy())
+            name: xgboost.DMatrix(part.flattened(), part.target.numpy(), nthread=self._threads)
             for name, part in (("train", train), ("val", validation))
         }
         history: dict[str, dict[str, list[float]]] = {}
         self.model = xgboost.train(
-            {**self._settings, "seed": run.seed},
+            {**self._settings, "nthread": self._threads or 0, "seed": run.seed},
             matrices["train"],
             self._rounds,
             evals=[(matrix, name) for name, matrix in matrices.items()],
@@ -240,7 +246,8 @@ class GradientBoosting:
 
     def predict(self, windows: WindowSet) -> np.ndarray:
         """Sum of the trees."""
-        found = self.model.predict(xgboost.DMatrix(windows.flattened())).astype(np.float64)
+        matrix = xgboost.DMatrix(windows.flattened(), nthread=self._threads)
+        found = self.model.predict(matrix).astype(np.float64)
         return found.reshape(len(windows), -1)  # of one target the library gives no column
 
     def save(self, folder: Path) -> None:
@@ -256,6 +263,12 @@ class GradientBoosting:
         except (OSError, xgboost.core.XGBoostError) as error:
             reason = str(error).strip().splitlines()[0]
             raise InputError(f"{path}: not an XGBoost model ({reason}); set checkpoint") from error
+
+
+def _threads_of(run: RunFolder) -> int | None:
+    """What ``trainer.threads`` says: trees have no part in the rest of it."""
+    threads: int | None = run.config.get("trainer", {}).get("threads")
+    return threads
 
 
 def _refusal(folder: Path) -> InputError:

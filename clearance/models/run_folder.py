@@ -29,7 +29,7 @@ _COMPUTING = frozenset(key.rpartition(".")[2] for key in HARDWARE)  # copied to 
 _ASKED = ("experiment", "chosen_model", "overrides", "folder", "resume")
 """How a training was asked for: does not change it."""
 _OUTDATED = (
-    METRICS, "model.safetensors", "model.ubj", "scalers.json", "calibration.json", "fresh.json",
+    METRICS, _BEGUN, "model.safetensors", "model.ubj", "scalers.json", "calibration.json", "fresh.json",
     "perturbed.json", "events.out.tfevents.*",
 )  # fmt: skip
 """Of another training: what it left, and what was measured of its weights since."""
@@ -88,8 +88,9 @@ class RunFolder:
             self.drop_checkpoints()
             for outdated in [one for pattern in _OUTDATED for one in self.path.glob(pattern)]:
                 outdated.unlink()
-        text = yaml.safe_dump(self.config, sort_keys=False)
-        write_atomically(self.path / CONFIG, lambda file: file.write_text(text, encoding="utf-8"))
+        if not self.finished:  # what is stays as it was asked for
+            text = yaml.safe_dump(self.config, sort_keys=False)
+            write_atomically(self.path / CONFIG, lambda file: file.write_text(text, encoding="utf-8"))
         if not begun:
             write_json(self.path / _BEGUN, {"recordings": recordings, "job": os.environ.get("SLURM_JOB_ID")})
         self.anew = False

@@ -50,19 +50,16 @@ def require_apart(begin: Path, config: Mapping[str, Any]) -> None:
                 f"begin={begin}: {folder} reads {', '.join(read)} for {' and '.join(estimated)}, and this "
                 f"training {', '.join(channels)} for {' and '.join(targets)}; set sensors and joint as there"
             )
-        other = [key for key, value in division.items() if value != divided.get(key)]
-        if machines == before and other:
-            raise InputError(
-                f"begin={begin}: {folder} has seen recordings that this training would be tested on "
-                f"({' and '.join(other)} differ); set another data_seed, or these as there"
-            )
+        if machines == before:
+            _require_divided_alike(begin, folder, division, divided)
 
 
 def require_same_division(begin: Path, config: Mapping[str, Any], recordings: int, fingerprint: str) -> None:
-    """Refuse weights whose training divided other recordings of the same machines.
+    """Refuse weights whose training divided other recordings of the same machines, or the same otherwise.
 
     Which recordings a seed sets apart depends on how many there are: of a store that has grown since, or of
-    runs of which others failed, some that were trained on would be tested on.
+    runs of which others failed, some that were trained on would be tested on. Recordings that lie elsewhere
+    now are known by their fingerprint.
 
     Args:
         begin: folder of a finished training.
@@ -71,15 +68,20 @@ def require_same_division(begin: Path, config: Mapping[str, Any], recordings: in
         fingerprint: of these.
 
     Raises:
-        InputError: it, or what it went on from itself, divided others.
+        InputError: it, or what it went on from itself, divided others, or these otherwise.
     """
-    machines, _ = _seen(config)
+    machines, division = _seen(config)
     if "streamed" in machines:
         return
     for folder, earlier in _ancestry(begin):
-        if _seen(earlier)[0] != machines or not (folder / METRICS).exists():
+        if not (folder / METRICS).exists():
             continue
         known = read_json(folder / METRICS, "begin")["data"]
+        before, divided = _seen(earlier)
+        if known["fingerprint"] == fingerprint:  # as many, whatever was asked for
+            _require_divided_alike(begin, folder, division, divided | {"runs": division["runs"]})
+        if before != machines:
+            continue
         from_files = machines["path"] is not None
         if known["fingerprint"] != fingerprint if from_files else known["recordings"] != recordings:
             raise InputError(
@@ -87,6 +89,18 @@ def require_same_division(begin: Path, config: Mapping[str, Any], recordings: in
                 f"there are {recordings} now, or others: it has seen some that this training would be tested "
                 "on; set another data_seed, or other data"
             )
+
+
+def _require_divided_alike(
+    begin: Path, folder: Path, division: Mapping[str, Any], divided: Mapping[str, Any]
+) -> None:
+    """Refuse the weights in ``folder`` if the same recordings were divided otherwise there."""
+    other = [key for key, value in division.items() if value != divided.get(key)]
+    if other:
+        raise InputError(
+            f"begin={begin}: {folder} has seen recordings that this training would be tested on "
+            f"({' and '.join(other)} differ); set another data_seed, or these as there"
+        )
 
 
 def _ancestry(begin: Path) -> Iterator[tuple[Path, dict[str, Any]]]:

@@ -275,9 +275,9 @@ def shareable(estimators: Sequence[Estimator]) -> list[NeuralEstimator]:
             f"trainer.devices={plan.devices}: trainings together take one; set trainer.devices, or seed "
             "instead of seeds"
         )
-    if plan.precision != "32-true":
+    if str(plan.precision) not in ("32-true", "32"):
         raise InputError(
-            f"trainer.precision={plan.precision}: must be 32-true for trainings together; set "
+            f"trainer.precision={plan.precision}: must be 32-true or 32 for trainings together; set "
             "trainer.precision, or seed instead of seeds"
         )
     return networks

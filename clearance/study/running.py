@@ -128,10 +128,12 @@ class Runner:
             "hydra.sweep.subdir='seed=${seed}'", *self._shared_cores, *self.arguments,
         ]  # fmt: skip
         code = self._run(command, cell / _LOG, self.left)
+        if self._stopped.is_set():  # what was interrupted tells nothing of what it would have taken
+            return
         seconds = time.monotonic() - began
         done = [t for t in batch.trainings if self.finished(t)]
         missing = [t for t in batch.trainings if t not in done]
-        if code is not None and (code != 0 or missing) and not self._stopped.is_set():
+        if code is not None and (code != 0 or missing):
             self.failed += missing
             log.warning("%s: exit code %s; see %s", batch, code, cell / _LOG)
         elif code is None:

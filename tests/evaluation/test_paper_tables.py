@@ -1,21 +1,27 @@
 """The paper's tables: which trainings they consist of, and that every number comes from a file."""
 
 import json
+import shutil
 
 import pytest
+import yaml
 
 from clearance.errors import InputError
+from clearance.evaluate import renewed
 from clearance.evaluation.paper.estimates import PredictedAgainstTrue
+from clearance.evaluation.paper.perturbation import PERTURBED
 from clearance.evaluation.paper.results import TITLES, results, write_results
 from clearance.evaluation.paper.tables import comparisons, paper_numbers, perturbed, row_name, table
 from clearance.evaluation.paper.trainings import (
     Setting,
     Training,
     finished_trainings,
+    known_trainings,
     reduction,
     reductions,
     trainings_of,
 )
+from tests.command_line import ROOT
 from tests.study_folder import finish
 
 SPLITS = (98, 42, 1024)
@@ -46,6 +52,36 @@ def test_every_setting_of_a_table_has_the_papers_numbers():
             numbers = paper_numbers()[experiment]
             numbers = numbers[setting.sensors] if experiment == "table9" else numbers
             assert {"nmae", "nrmse"} <= set(numbers[setting.model]), row_name(experiment, setting)
+
+
+def test_the_papers_numbers_are_the_papers():
+    numbers = paper_numbers()
+    assert numbers["table5"]["xgboost"] == {
+        "nmae": 9.3, "nrmse": 11.94, "training": 49.88, "evaluation": 0.01
+    }  # fmt: skip
+    assert numbers["table6"]["lstm"] == {
+        "nmae": [0.49, 0.14], "nrmse": [0.8, 0.19], "median_ae": [3.43, 1.23], "p95_ae": [13.6, 3.75],
+        "training": [1369, 380.6], "evaluation": [0.89, 0.02],
+    }  # fmt: skip
+    assert numbers["tdnn_variants"]["tdnn_average"] == {"nmae": [2.39, 0.45], "nrmse": [3.33, 0.53]}
+    nmae = {name: one["nmae"] for name, one in numbers["table8"].items()}
+    assert nmae == {"tdnn": [1.12, 0.14], "lstm": [0.38, 0.13], "gru": [0.44, 0.12]}
+    nrmse = {name: (one["lstm"]["nrmse"], one["gru"]["nrmse"]) for name, one in numbers["table9"].items()}
+    assert nrmse == {
+        "rod": ([0.67, 0.11], [0.84, 0.28]), "all": ([0.77, 0.21], [0.75, 0.02]),
+        "no_slider": ([0.77, 0.07], [0.7, 0.11]), "no_crank": ([0.64, 0.16], [0.67, 0.22]),
+        "no_rod": ([0.64, 0.07], [0.71, 0.33]), "crank": ([1.3, 0.65], [0.87, 0.17]),
+    }  # fmt: skip
+    for model, errors in (
+        ("lstm", [[1.48, 0.44], [0.95, 0.36], [1.07, 0.32], [0.84, 0.19], [0.82, 0.18]]),
+        ("gru", [[1.44, 0.43], [0.93, 0.38], [0.97, 0.37], [0.79, 0.26], [0.77, 0.25]]),
+        ("tdnn", [[3.21, 0.15], [2.41, 0.2], [2.86, 0.17], [2.21, 0.17], [2.19, 0.27]]),
+    ):
+        own = numbers["table7"][model]
+        scenarios = ("restitution", "stiffness", "hunt_crossley", "all", "noise")
+        assert [own[name]["nrmse"] for name in scenarios] == errors
+        # Table 7 repeats Table 6.
+        assert own["base"] == {key: numbers["table6"][model][key] for key in own["base"]}
 
 
 def test_rows_of_the_decimation_factor_say_which_samples_are_kept():
@@ -136,6 +172,68 @@ def test_perturbed_errors_stand_beside_those_of_the_test_recordings(tmp_path):
     assert lines[5] == "| *paper* |  | *0.55 ± 0.16* | *1.48 ± 0.44* | *3.76 ± 1.3* | *14.3 ± 4.17* |"
 
 
+def perturb(run, **errors):
+    content = {name: {"nmae": e, "nrmse": e, "median_ae": e, "p95_ae": e} for name, e in errors.items()}
+    (run.path / PERTURBED).write_text(json.dumps({"perturbations": content}))
+
+
+def test_every_perturbation_that_was_measured_of_any_training_has_a_row(tmp_path):
+    for seed in (42, 98):
+        finish(tmp_path, Training(LSTM, 98, seed), 0.5)
+    first, second = finished_trainings(tmp_path)
+    perturb(first, restitution=0.7)
+    perturb(second, noise=0.8, restitution=0.9)
+    lines = perturbed(trainings_of("table6"), collected(tmp_path)).splitlines()
+    names = [line.split(" | ")[:2] for line in lines[2:] if "paper" not in line]
+    assert names == [
+        ["| LSTM, test recordings", "2"], ["| LSTM, restitution +10/-20 %", "2"], ["| LSTM, 1 % noise", "1"],
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("nmae", "kept"), [(0.5, True), (0.6, False)])
+def test_what_was_measured_of_the_same_weights_elsewhere_stays_in_the_record(tmp_path, nmae, kept):
+    finish(tmp_path / "there", Training(LSTM, 98, 42), 0.5)
+    (run,) = finished_trainings(tmp_path / "there")
+    perturb(run, noise=0.8)
+    write_results(tmp_path / "there", tmp_path / "R.md", tmp_path / "pictures", {})
+    finish(tmp_path / "here", Training(LSTM, 98, 42), nmae)
+    write_results(tmp_path / "here", tmp_path / "R.md", tmp_path / "pictures", {})
+    (row,) = json.loads((tmp_path / "pictures/study.json").read_text())
+    assert row["test"]["nmae"] == nmae
+    assert bool(row["perturbed"]) == kept
+    assert ("LSTM, 1 % noise" in (tmp_path / "R.md").read_text()) == kept
+
+
+@pytest.mark.parametrize("lost", ["data", "data_seed", "sensors"])
+def test_a_configuration_that_lacks_what_a_table_needs_is_no_training(tmp_path, lost):
+    finish(tmp_path, Training(LSTM, 98, 42), 0.5)
+    (run,) = finished_trainings(tmp_path)
+    (run.path / "config.yaml").write_text(
+        yaml.safe_dump({key: value for key, value in run.config.items() if key != lost})
+    )
+    with pytest.raises(InputError, match=r"no training of clearance\.train; set runs to another folder"):
+        finished_trainings(tmp_path)
+
+
+def test_a_damaged_measurement_of_a_training_is_named(tmp_path):
+    finish(tmp_path, Training(LSTM, 98, 42), 0.5)
+    (run,) = finished_trainings(tmp_path)
+    (run.path / PERTURBED).write_text('{"asked": "165"}')
+    with pytest.raises(InputError, match=r"perturbed.json: no errors by perturbation; remove it"):
+        finished_trainings(tmp_path)
+
+
+def test_two_versions_of_the_data_are_not_mixed(tmp_path):
+    for seed, version in ((42, "v1.0"), (98, "v2.0")):
+        stored = ("data=stored", f"data.source.path=data/{version}")
+        finish(tmp_path, Training(LSTM, 98, seed), 0.5, *stored)
+    reduced = [one.reduced for one in finished_trainings(tmp_path)]
+    assert [one["data.source.path"][0] for one in reduced] == ["data/v1.0", "data/v2.0"]
+    assert reduced[0]["data.source._target_"] == ("StoredSource", "SimulatedSource")
+    with pytest.raises(InputError, match="trainings of lstm at different scales"):
+        known_trainings(tmp_path, tmp_path / "none.json")
+
+
 def test_two_scales_in_one_folder_are_refused(tmp_path):
     finish(tmp_path / "a", Training(LSTM, 98, 42), 0.5)
     finish(tmp_path / "b", Training(LSTM, 98, 42), 0.5, "scale=reduced")
@@ -167,6 +265,35 @@ def test_a_record_of_another_scale_is_not_mixed_in(reduced, tmp_path):
     finish(tmp_path / "here", Training(LSTM, 98, 123), 0.5)
     with pytest.raises(InputError, match=r"trainings of lstm at different scales: .*study\.json"):
         write_results(tmp_path / "here", tmp_path / "R.md", tmp_path / "pictures", {})
+
+
+class Elsewhere:
+    """A figure whose weights are on another machine."""
+
+    def draw(self, found):
+        return None
+
+
+@pytest.mark.parametrize(
+    ("page", "pictures"),
+    [
+        ("RESULTS.md", "docs/results/study/short"),
+        ("docs/results/study/reduced/RESULTS.md", "docs/results/study/reduced"),
+    ],
+)
+def test_the_committed_reports_are_what_their_records_make(tmp_path, page, pictures):
+    shutil.copytree(ROOT / pictures, tmp_path / pictures)
+    figures = {path.stem: Elsewhere() for path in sorted((tmp_path / pictures).glob("figure*.png"))}
+    rows = json.loads((ROOT / "docs/results/trainings.json").read_text())
+    write_results(tmp_path / "none", tmp_path / page, tmp_path / pictures, figures, rows)
+    assert (tmp_path / page).read_text() == (ROOT / page).read_text()
+
+
+def test_the_readmes_tables_are_what_the_committed_measurements_make():
+    trainings, bench = (
+        json.loads((ROOT / "docs/results" / name).read_text()) for name in ("trainings.json", "bench.json")
+    )
+    assert renewed(ROOT / "README.md", trainings, bench) == (ROOT / "README.md").read_text()
 
 
 def test_a_training_to_come_is_reduced_as_a_finished_one_says(reduced):

@@ -6,6 +6,7 @@ import pytest
 from clearance.errors import InputError
 from clearance.evaluation.paper.signals import (
     AccelerationByClearance,
+    BeforeAndAfterDecimation,
     OccupiedBandwidth,
     amplitude_spectrum,
     occupied_band,
@@ -43,6 +44,14 @@ def signals(kind, **more):
 def test_an_impossible_number_of_clearances_is_refused():
     with pytest.raises(InputError, match="1 to 5 can be told apart"):
         signals(AccelerationByClearance, clearances=[1e-4] * 6, speed_rpm=500.0)
+
+
+@pytest.mark.parametrize("kind", [AccelerationByClearance, BeforeAndAfterDecimation])
+def test_two_revolutions_a_second_are_the_least_that_can_be_shown(kind):
+    with pytest.raises(InputError, match=r"speed_rpm = 119 is outside \[120, 20000\]; change"):
+        signals(kind, clearances=[1e-4], speed_rpm=119.0)
+    slowest = signals(kind, clearances=[1e-4], speed_rpm=120.0)
+    assert slowest.draw().axes[0].get_lines()
 
 
 def test_the_figures_show_what_was_simulated():

@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 import torch
@@ -93,6 +95,25 @@ def test_a_killed_training_goes_on_to_the_same_weights(model, make_data, open_ru
     resumed.fit(make_data(), run)
     for name, weight in whole.net.state_dict().items():
         assert torch.equal(weight, resumed.net.state_dict()[name]), name
+
+
+@pytest.mark.parametrize("model", ["random_forest", "xgboost"])
+def test_trees_take_as_many_threads_as_a_training_may(model, make_data, open_run):
+    forest = model == "random_forest"
+    estimator, run = configured(model, *(["model.jobs=-1"] if forest else [])), open_run()
+    run.config["trainer"] = {"threads": 3}
+    estimator.fit(make_data(), run)
+    assert estimator.processors == (3, False)
+    if not forest:
+        used = json.loads(estimator.model.save_config())["learner"]["generic_param"]["nthread"]
+        assert used == "3"
+
+
+def test_a_forest_s_own_jobs_come_before_the_training_s_threads(make_data, open_run):
+    estimator, run = configured("random_forest", "model.jobs=2"), open_run()
+    run.config["trainer"] = {"threads": 3}
+    estimator.fit(make_data(), run)
+    assert estimator.processors == (2, False)
 
 
 def test_checkpoints_of_lightnings_own_kind_are_taken_over():

@@ -174,13 +174,18 @@ def test_a_network_whose_loss_is_not_finite_stops_alone(train, make_data, monkey
     ("override", "words"),
     [
         ("trainer.optimizer._target_=torch.optim.LBFGS", r"trainer\.optimizer=LBFGS"),
-        ("trainer.precision=bf16-mixed", r"trainer\.precision=bf16-mixed: must be 32-true"),
+        ("trainer.precision=bf16-mixed", r"trainer\.precision=bf16-mixed: must be 32-true or 32 for"),
     ],
 )
 def test_what_cannot_be_shared_is_refused(override, words):
     drop = ["~trainer.optimizer.weight_decay"] if "LBFGS" in override else []
     with pytest.raises(InputError, match=words):
         shareable([configured("tcn", override, *drop)])
+
+
+@pytest.mark.parametrize("precision", ["32", "32-true"])
+def test_single_precision_can_be_shared_whatever_it_is_called(precision):
+    assert len(shareable([configured("tcn", f"trainer.precision={precision}")])) == 1
 
 
 def test_a_checkpoint_that_takes_long_is_written_seldom_and_at_the_end(tmp_path, monkeypatch):

@@ -121,6 +121,24 @@ def test_batches_run_side_by_side_and_an_interruption_ends_them(runner):
     assert all(again.finished(t) for t in (*BATCH.trainings, *other.trainings))
 
 
+def test_what_was_interrupted_tells_no_cost(runner, tmp_path):
+    one = runner(1000.0)
+    one._stopped.set()  # between two trainings
+    one._train(BATCH, begun=False)
+    assert not (tmp_path / "runs/costs.json").exists()
+    assert not one.failed
+
+
+@pytest.mark.parametrize("model", ["lstm", "random_forest", "xgboost"])
+def test_trainings_side_by_side_share_the_cores(runner, monkeypatch, model):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: range(6))
+    one, handed = runner(1000.0), []
+    one.parallel, one._run = 2, lambda command, *_: handed.append(command)
+    one._train(Batch(Setting(model), 98, (42,)), begun=False)
+    assert "trainer.threads=3" in handed[0]
+    assert one._omp == {"OMP_NUM_THREADS": "3"}
+
+
 @pytest.mark.parametrize("way", ["fail=1", "forget=1"])
 def test_a_failure_is_kept_and_the_others_go_on(runner, way):
     one = runner(1000.0, way)

@@ -65,7 +65,8 @@ def state(
         stopped: why not everything was tried; empty if it was.
     """
     setting, joint, best = search.setting, search.setting.joint, explanation.best
-    joints = {**joints, joint: explanation.nominal.misfit}  # which may have been followed better since
+    # it may have been followed better since
+    joints = {**joints, joint: min(joints[joint], explanation.nominal.misfit)}
     where, after = summary(errors), judged.after
     verdict, basis = verdict_of(explanation, after), basis_of(explanation, after)
     # at the strikes of a slider that the motion shows loose

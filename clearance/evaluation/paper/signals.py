@@ -23,6 +23,7 @@ from clearance.simulation.integrator import Integrator
 from clearance.simulation.layout import Signal
 
 _START, _SECONDS = 2.0, 1.0  # s
+_REVOLUTIONS = 2.0  # shown at most, of these seconds
 _LOWEST = 50.0  # Hz: below it is the machine's own motion
 _LINEAR = 500.0  # m/s²
 _TICKS = (-500.0, 0.0, 500.0, 2000.0, 10_000.0)
@@ -40,7 +41,7 @@ class SliderSignals:
         integrator: scheme and steps.
         chain: of measurement.
         clearances: shown one by one [m].
-        speed_rpm: of the crank [rpm].
+        speed_rpm: of the crank [rpm]; 120 or more, two revolutions a second.
     """
 
     mechanism: SliderCrank
@@ -51,7 +52,7 @@ class SliderSignals:
 
     def __post_init__(self) -> None:
         require_list(self, len(self.clearances), 0.0, 2e-3, clearances=self.clearances)
-        require(self, 1.0, 2e4, speed_rpm=self.speed_rpm)
+        require(self, 60.0 * _REVOLUTIONS / _SECONDS, 2e4, speed_rpm=self.speed_rpm)
         if not 1 <= len(self.clearances) <= len(_COLOURS):
             raise InputError(
                 f"clearances = {list(self.clearances)}: 1 to {len(_COLOURS)} can be told apart; "
@@ -88,7 +89,7 @@ class AccelerationByClearance(SliderSignals):
         Linear to 500 m/s² and logarithmic beyond: impacts are a hundred times what the motion itself takes.
         """
         signals, rate = self.simulated(self.clearances), self.chain.base_rate
-        shown = self.revolution(rate, 2.0)
+        shown = self.revolution(rate, _REVOLUTIONS)
         figure = new_figure(8, 1.9 * len(signals) + 0.6)
         panels = np.atleast_1d(figure.subplots(len(signals), 1, sharex=True, sharey=True))
         for axes, values, clearance, colour in zip(panels, signals, self.clearances, _COLOURS, strict=False):

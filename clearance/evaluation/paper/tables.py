@@ -137,7 +137,7 @@ def perturbed(planned: Sequence[Training], found: Mapping[Training, Finished]) -
         if not runs:
             continue
         rows_of: dict[str, list[Mapping[str, float]]] = {"base": [run.metrics["test"] for run in runs]}
-        for name in contents[0]:
+        for name in dict.fromkeys(name for content in contents for name in content):
             rows_of[name] = [content[name] for content in contents if name in content]
         for name, errors in rows_of.items():
             cells = [_cell(summarise([_error(one, key) for one in errors])) for key in _ERRORS]

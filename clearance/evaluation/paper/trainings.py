@@ -6,7 +6,7 @@ folders with weights may stay on the machine that trained them, the record goes 
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cache
 from itertools import product
@@ -85,17 +85,25 @@ class Finished:
         """The training in a folder.
 
         Raises:
-            InputError: there is none.
+            InputError: there is none, or what was measured of it since is damaged.
         """
-        config = read_yaml(path / CONFIG, "runs") or {}
-        training, split = _identify(config, path), config["data"]["split"]
-        own = path / PERTURBED
+        config, own = read_yaml(path / CONFIG, "runs") or {}, path / PERTURBED
+        try:
+            training, data_seed, split = _identify(config), config["data_seed"], config["data"]["split"]
+            test_to_training = (1.0 - split["train"] - split["validation"]) / split["train"]
+        except (KeyError, TypeError, AttributeError):
+            raise InputError(f"{path}: no training of clearance.train; set runs to another folder") from None
+        try:
+            perturbed = read_json(own, "runs")["perturbations"] if own.exists() else None
+        except (KeyError, TypeError):
+            raise InputError(
+                f"{own}: no errors by perturbation; remove it, and set perturbed to measure them"
+            ) from None
         return Finished(
-            training, read_json(path / METRICS, "runs"), _reduced(config, training.setting),
-            config["data_seed"],
-            (1.0 - split["train"] - split["validation"]) / split["train"],
+            training, read_json(path / METRICS, "runs"), _reduced(config, training.setting), data_seed,
+            test_to_training,
             datetime.fromtimestamp((path / METRICS).stat().st_mtime, UTC).strftime("%Y-%m-%d"),
-            read_json(own, "runs")["perturbations"] if own.exists() else None, path, config,
+            perturbed, path, config,
         )  # fmt: skip
 
     @staticmethod
@@ -191,7 +199,11 @@ def known_trainings(folder: Path, record: Path) -> list[Finished]:
         InputError: folder or record hold different scales.
     """
     found = {one.training: one for one in recorded_trainings(record)}
-    found |= {one.training: one for one in finished_trainings(folder)}
+    for one in finished_trainings(folder):
+        known = found.get(one.training)
+        if known and one.perturbed is None and one.metrics["test"] == known.metrics["test"]:
+            one = replace(one, perturbed=known.perturbed)  # measured where the same weights were before
+        found[one.training] = one
     scales: dict[str, Finished] = {}
     for one in found.values():
         first = scales.setdefault(one.training.setting.model, one)
@@ -223,17 +235,14 @@ def reductions(found: Sequence[Finished]) -> dict[tuple[str, str, str], set[str]
     return different
 
 
-def _identify(config: Mapping[str, Any], folder: Path) -> Training:
-    try:
-        setting = Setting(
-            config.get("chosen_model") or config["name"].split(" on ")[0],  # an older one has its name alone
-            config["sensors"]["name"],
-            config["joint"]["name"],
-            config["chain"]["decimation"],
-        )
-        return Training(setting, config["split_seed"], config["seed"])
-    except (KeyError, TypeError, AttributeError):
-        raise InputError(f"{folder}: no training of clearance.train; set runs to another folder") from None
+def _identify(config: Mapping[str, Any]) -> Training:
+    setting = Setting(
+        config.get("chosen_model") or config["name"].split(" on ")[0],  # an older one has its name alone
+        config["sensors"]["name"],
+        config["joint"]["name"],
+        config["chain"]["decimation"],
+    )
+    return Training(setting, config["split_seed"], config["seed"])
 
 
 @cache
@@ -251,7 +260,7 @@ def _resolved(*overrides: str) -> Any:
 def _reduced(config: Mapping[str, Any], setting: Setting) -> dict[str, tuple[str, str]]:
     paper, own = _papers(setting), _compared(config)
     return {
-        key: (_short(own.get(key)), _short(paper.get(key)))
+        key: (_short(key, own.get(key)), _short(key, paper.get(key)))
         for key in sorted({*paper, *own})
         if paper.get(key) != own.get(key)
     }
@@ -296,16 +305,12 @@ def _below(key: str, parents: Sequence[str]) -> bool:
     return any(key == parent or key.startswith(f"{parent}.") for parent in parents)
 
 
-def _short(value: Any) -> str:
+def _short(key: str, value: Any) -> str:
     if value is None:
         return "none"
-    return (
-        value.rpartition(".")[2]
-        if isinstance(value, str)
-        else f"{value:g}"
-        if isinstance(value, float)
-        else str(value)
-    )
+    if key.endswith("_target_"):  # of a class its name; any other text may be a path
+        return str(value).rpartition(".")[2]
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _composed(*overrides: str) -> DictConfig:
