@@ -64,4 +64,9 @@ def test_a_formula_of_its_own_takes_its_law_its_entry_its_call_and_the_effect(pr
     insert(equations, "import process_force, spring_force", [imported])
     insert(equations, "+ process_force(", called)
     (project / "conf/effect/quadratic_drag.yaml").write_text(EFFECT)
-    assert printed(project, SCRIPT) == OUTPUT
+    output = printed(project, SCRIPT)
+    assert output.splitlines()[0] == OUTPUT.splitlines()[0]
+    shown, told = (re.findall(r"(\d+\.?\d*) (m/s|N m|W)", text) for text in (output, OUTPUT))
+    assert [unit for _, unit in shown] == [unit for _, unit in told] == ["m/s", "N m", "W", "W"]
+    assert [float(n) for n, _ in shown] == pytest.approx([float(n) for n, _ in told], rel=0.01)
+    assert float(shown[2][0]) == pytest.approx(float(shown[3][0]), rel=1e-3)  # the balance of power
