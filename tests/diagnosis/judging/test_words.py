@@ -7,10 +7,14 @@ import pytest
 
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.free_form import FREE_FORM
+from clearance.diagnosis.hypotheses.hypothesis import gather
 from clearance.diagnosis.judging import words
 from clearance.diagnosis.judging.verdict import Estimate
 from clearance.diagnosis.judging.words import sentences
 from clearance.diagnosis.searching.explanation import Explanation, Suspected, Worked
+from clearance.mechanism.guide import StribeckGuide
+from clearance.mechanism.joint import Joint
+from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.attempts import attempt, known
 
 
@@ -134,3 +138,22 @@ def test_what_shows_in_impacts_alone_is_told_as_that(monkeypatch, after, gain, t
     held = {"held_out": {"before": 1.0, "after": after, "log_likelihood_gain": gain}}
     said = sentences("physics", Explanation(nominal, [best]), "C", held, ["rod_b_axial"])
     assert told in said[-1]
+
+
+def test_of_a_law_that_the_model_has_its_own_number_is_told(monkeypatch):
+    def told(**laws):
+        machine = SliderCrank(joint_c=Joint(3e-4), **laws)
+        (group,) = [
+            held
+            for held in gather(load_effects("guide_friction"), machine, "C", ()).values()
+            if [unknown.name for unknown in held[0].unknowns] == ["coulomb_force"]
+        ]
+        one = attempt(["guide_friction"], 1.0)
+        one.hypotheses = (group[0],)
+        known(monkeypatch, lambda _: [Estimate(3e-4, 3e-4, 3e-4), Estimate(1.0, 0.9, 1.1)])
+        (line,) = words._effects(Explanation(attempt([], 9.0), [one]), "C")
+        return line
+
+    assert told().endswith("1 (0.9 to 1.1) N of Coulomb friction.")
+    own = told(guide_friction=StribeckGuide(coulomb_force=3.0))
+    assert own.endswith("This is in the place of the model's own: 3 N (coulomb_force).")

@@ -2,6 +2,7 @@
 
 import pytest
 
+from clearance.diagnosis.following.attempt import explained
 from clearance.diagnosis.hypotheses.free_form import FREE_FORM
 from clearance.diagnosis.searching.beside import SHARED
 from clearance.diagnosis.searching.explanation import Explanation
@@ -88,3 +89,9 @@ def test_a_name_is_built_on_where_no_finer_table_explains_what_it_leaves(name, f
         table.label, table.model.shared = "free_form(slider x)", 1 + knots
     found = named(Explanation(attempt([], 689.0), [attempt(["process_load"], name), *tables]))
     assert [h.name for h in found.hypotheses] == [expected]
+
+
+@pytest.mark.parametrize(("last", "enough_said"), [(1.9, True), (2.1, False), (1e4, False)])
+def test_one_recording_that_is_lost_among_many_is_not_explained(last, enough_said):
+    """However little it weighs in the mean of all."""
+    assert explained(attempt(["gravity"], 1.0, each=[1.0] * 9 + [last])) == enough_said
