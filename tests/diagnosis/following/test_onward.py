@@ -108,7 +108,7 @@ def test_a_recording_is_followed_on_other_ways_until_it_is_explained(
 
     def refined(hypotheses, model, followers, rows, scale, iterations):
         misfit = given[-1][0] if isinstance(given[-1], tuple) else given[-1]
-        return SimpleNamespace(misfit=misfit, scale=1.0, level=misfit, shares=())
+        return SimpleNamespace(misfit=misfit, scale=1.0, level=misfit, misfits=[misfit], shares=())
 
     monkeypatch.setattr(onward, "refine", refined)
     found = best_of((partial(way, left) for left in ways), None, time.monotonic() + seconds)

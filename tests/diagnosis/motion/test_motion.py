@@ -186,7 +186,8 @@ def test_a_motor_that_sags_under_gravity_and_an_encoder_off_zero():
     assert held_out["after"] < 1.1 < held_out["before"]
 
 
-@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.slow), 2])
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [1, 2])
 def test_what_repeats_within_a_turn_repeats_a_whole_number_of_times(order):
     ripple = {"amplitude": 0.1, "order": order}
     recording = planted(4.0, 200.0, effects={"soft_drive": MOTOR, "torque_ripple": ripple})

@@ -55,7 +55,7 @@ def test_a_lost_nominal_machine_counts_where_it_explains_all_at_another_clearanc
         return (None, row, 0.9) if row[0] < 0.96 * 8e-4 else (None, row, 50.0)
 
     fit = SimpleNamespace(values=np.array([[0.95 * 8e-4, 70.0]]))
-    found = SimpleNamespace(misfit=level, level=level, scale=1.0, fit=fit)
+    found = SimpleNamespace(misfit=level, misfits=[level], level=level, scale=1.0, fit=fit)
     monkeypatch.setattr(nominal, "grow", grow)
     monkeypatch.setattr(nominal, "screen", lambda *_: SimpleNamespace(singles=["a hint"]))
     moved = []

@@ -157,7 +157,8 @@ def test_what_one_recording_tells_begins_another_round_until_all_are_explained(
 
     def keep(explanation, held, make):
         assert make.args[-1][1][1] == begun[-1] + 1e-6  # on what was followed this time
-        explanation.best = SimpleNamespace(scale=1.0, level=next(left))
+        misfit = next(left)
+        explanation.best = SimpleNamespace(scale=1.0, level=misfit, misfits=[misfit])
 
     monkeypatch.setattr(rattling, "_first", first)
     monkeypatch.setattr(rattling, "_told", lambda *_: "rails" if told else None)

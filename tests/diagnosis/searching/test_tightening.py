@@ -24,7 +24,8 @@ HINTED, FITTED = np.array([[3e-4, 5.0, 700.0]]), np.array([[3e-4, 6.0, 700.0]])
 def test_a_fit_that_leaves_more_than_without_its_unknowns_is_followed_anew_from_the_hint(
     monkeypatch, misfit, begun
 ):
-    found = SimpleNamespace(scale=1.0, level=misfit, misfit=misfit, fit=SimpleNamespace(values=FITTED))
+    fit = SimpleNamespace(values=FITTED)
+    found = SimpleNamespace(scale=1.0, level=misfit, misfit=misfit, misfits=[misfit], fit=fit)
     monkeypatch.setattr(module, "refine", lambda *_: found)
     asked = []
     search = SimpleNamespace(
