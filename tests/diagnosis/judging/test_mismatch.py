@@ -9,10 +9,12 @@ import pytest
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.mismatch import (
     ANGLE_BINS,
+    Innovations,
     by_angle,
     by_tone,
     innovations,
     interval,
+    locate,
     root_mean_square,
     too_large,
 )
@@ -127,3 +129,13 @@ def test_the_floor_is_one_however_few_channels_there_are():
     for channels in (1, 4, 10):
         errors = [SimpleNamespace(values=rng.normal(size=(50_000, channels)))]
         assert root_mean_square(errors) == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_tones_of_an_encoders_rounding_are_no_mismatch():
+    rng, n = np.random.default_rng(6), 3000
+    values = rng.normal(size=(n, 2)) + 2.0 * np.sin(2.0 * np.pi * 0.21 * np.arange(n))[:, None]
+    turning, never = np.linspace(0.0, 30.0, n) % (2.0 * np.pi), np.zeros(n, dtype=bool)
+    errors = [Innovations(values, turning, never, never, ("rod_b_axial", "crank_angle"), 1e4)]
+    found = locate(errors, errors)
+    assert any(found["significant_spectrum"]["rod_b_axial"])
+    assert not any(found["significant_spectrum"]["crank_angle"])
