@@ -69,6 +69,7 @@ def state(
     joints = {**joints, joint: min(joints[joint], explanation.nominal.misfit)}
     where, after = summary(errors), judged.after
     verdict, basis = verdict_of(explanation, after), basis_of(explanation, after)
+    open_question = verdict == "unknown" and not explained(best)
     # at the strikes of a slider that the motion shows loose
     struck = gone(after, EXPLAINED) if basis == FITTED else []
     missed = lost(after) if verdict not in ("none", "unknown") and not struck else []
@@ -84,6 +85,7 @@ def state(
     return {
         "verdict": verdict,
         "summary": [
+            *(contradictions(search) if open_question else []),
             *sentences(verdict, explanation, joint, fit, shows or list(where["channels"])[:1], after),
             *located(joints),
             *([largest(sensors)] if sensors else []),
@@ -129,7 +131,7 @@ def state(
             *_of_limits(unasked(search.recordings, search.groups.values())),
             *_of_judging(explanation, judged, struck, missed),
             *([f"Not everything was tried: {stopped}."] if stopped else []),
-            *(_of_recordings(search) if verdict == "unknown" and not explained(best) else []),
+            *(_of_recordings(search) if open_question else []),
         ],
     }  # fmt: skip
 
@@ -180,9 +182,7 @@ def _of_recordings(search: Search) -> list[str]:
         f"At {rate:g} Hz strikes of the journal run together, and paths through a wide clearance are lost: "
         f"record at {_RATE:g} Hz or more."
     )
-    return [
-        *contradictions(search), *([slow] if rate < LEAST_RATE else []), *advice(search.recordings),
-    ]  # fmt: skip
+    return [*([slow] if rate < LEAST_RATE else []), *advice(search.recordings)]
 
 
 def _of_limits(limits: Mapping[str, float]) -> list[str]:
