@@ -1,7 +1,7 @@
 """Where a model and the recordings differ: by channel, crank angle, contact and frequency."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ _DRAWS = 400  # of blocks, for an interval
 _BLOCK = 128  # samples of a spectrum, fewer where there are fewer
 _ALIKE = 3.0  # neighbouring samples share what the state did not foresee: as many count as one
 _FALSE_DISCOVERIES = 0.05
+_FAR = 30.0  # standard deviations, beyond which more says no more of where
 _LOST = 1e6  # standard deviations: how far off a run counts that ends in no number
 _SLIDING = 0.02  # m/s of the journal along the bearing's surface
 _STATES, _ENOUGH = (
@@ -318,7 +319,11 @@ def noticed(shares: Mapping[str, float]) -> list[str]:
 
 
 def summary(errors: Sequence[Innovations]) -> dict[str, Any]:
-    """Channels' shares, the regime, and the ranges of angle and frequency that stand out."""
+    """Channels' shares, the regime, and the ranges of angle and frequency that stand out.
+
+    How far off a path is where it is lost says nothing of where something is missing.
+    """
+    errors = [replace(one, values=np.clip(one.values, -_FAR, _FAR)) for one in errors]
     channels = errors[0].channels
     stacked = np.concatenate(_values(errors))
     known = np.maximum((~np.isnan(stacked)).sum(axis=0), 1)

@@ -16,6 +16,7 @@ from clearance.diagnosis.judging.mismatch import (
     interval,
     locate,
     root_mean_square,
+    summary,
     too_large,
 )
 from clearance.diagnosis.sensing.measured import SAMPLES
@@ -139,3 +140,13 @@ def test_the_tones_of_an_encoders_rounding_are_no_mismatch():
     found = locate(errors, errors)
     assert any(found["significant_spectrum"]["rod_b_axial"])
     assert not any(found["significant_spectrum"]["crank_angle"])
+
+
+def test_one_moment_at_which_a_path_is_lost_does_not_decide_where_something_is_missing():
+    rng, n = np.random.default_rng(7), 3000
+    values, never = rng.normal(size=(n, 2)), np.zeros(n, dtype=bool)
+    values[:, 0] *= 3.0
+    values[1500, 1] = 2000.0
+    turning = np.linspace(0.0, 30.0, n) % (2.0 * np.pi)
+    found = summary([Innovations(values, turning, never, never, ("rod_b_axial", "rod_c_axial"), 1e4)])
+    assert found["channels"]["rod_b_axial"] > 0.9
