@@ -20,10 +20,8 @@ _FALSE_DISCOVERIES = 0.05
 _FAR = 30.0  # standard deviations, beyond which more says no more of where
 _LOST = 1e6  # standard deviations: how far off a run counts that ends in no number
 _SLIDING = 0.02  # m/s of the journal along the bearing's surface
-_STATES, _ENOUGH = (
-    ("contact", "flight", "sliding"),
-    20,
-)  # of the joint; samples of which one is worth a number
+_STATES = ("contact", "flight", "sliding")  # of the joint
+_ENOUGH = 20  # samples of a state that is worth a number
 _QUIET = 0.9  # share of blocks that count
 _OWN_NOISE = 0.15  # of the square of the noise: what its estimate errs by, beside models that are right
 
@@ -165,16 +163,9 @@ def interval(errors: Sequence[Innovations]) -> tuple[float, float]:
 def locate(before: Sequence[Innovations], after: Sequence[Innovations]) -> dict[str, Any]:
     """Maps of the mismatch for the report; a ratio of 1 is what a perfect model shows."""
     channels = before[0].channels
-    first, states, (frequency, tones) = (
-        by_angle(_values(before), _angles(before)),
-        _by_state(before),
-        _by_tone(before),
-    )
-    second, states_after, (_, tones_after) = (
-        by_angle(_values(after), _angles(after)),
-        _by_state(after),
-        _by_tone(after),
-    )
+    first, second = (by_angle(_values(errors), _angles(errors)) for errors in (before, after))
+    states, states_after = _by_state(before), _by_state(after)
+    (frequency, tones), (_, tones_after) = _by_tone(before), _by_tone(after)
     # rounding comes again and again as a crank turns: an encoder has tones of its own
     rounded = np.array([[channel == "crank_angle"] for channel in channels])
     told = Cells(tones.square, np.where(rounded, 0.0, tones.count))

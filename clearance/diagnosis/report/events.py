@@ -45,10 +45,9 @@ def _scalars(
         yield step, Summary.Value(tag=f"misfit/{row['name']}", simple_value=row["misfit"])
         yield step, Summary.Value(tag=f"clearance/{row['name']}", simple_value=row["clearance_m"])
     for step, row in enumerate(evidence.get("ranking") or []):
-        yield (
-            step,
-            Summary.Value(tag=f"log_likelihood_gain/{row['name']}", simple_value=row["log_likelihood_gain"]),
-        )
+        gain = row["log_likelihood_gain"]
+        if gain is not None:  # beside a path that ended in no number
+            yield step, Summary.Value(tag=f"log_likelihood_gain/{row['name']}", simple_value=gain)
     for effect in diagnosis.get("effects") or []:
         whose = "/".join(filter(None, (effect["name"], effect.get("channel"))))
         for name, number in effect["parameters"].items():

@@ -47,7 +47,8 @@ def ranked(ranking: Sequence[Mapping[str, Any]]) -> Figure | None:
     """How much likelier each explanation makes the recordings; ``ranking`` of the evidence."""
     best: dict[str, float] = {}
     for row in ranking:
-        best[row["name"]] = max(best.get(row["name"], -np.inf), row["log_likelihood_gain"])
+        if row["log_likelihood_gain"] is not None:
+            best[row["name"]] = max(best.get(row["name"], -np.inf), row["log_likelihood_gain"])
     first = sorted(best.items(), key=lambda one: -one[1])[:_RANKED]
     if not first:
         return None

@@ -51,8 +51,10 @@ def test_pictures_are_drawn_of_what_is_known(tmp_path, example):
 def test_what_nobody_knows_is_left_out(tmp_path):
     parameters = {"gap": {"value": 3e-5, "low": None, "high": 4e-5}}
     diagnosis = {"effects": [{"name": "guide_clearance", "parameters": parameters}]}
-    found = shown(tmp_path, diagnosis, {"where": {}, "ranking": [], "overlays": []})
+    ranking = [{"name": "gravity", "log_likelihood_gain": np.inf}]  # nominal paths that end in no number
+    found = shown(tmp_path, diagnosis, {"where": {}, "ranking": ranking, "overlays": []})
     assert {tag for tag in found.Tags()["scalars"] if tag.startswith("parameter/")} == {
         "parameter/guide_clearance/gap", "parameter/guide_clearance/gap/high",
     }  # fmt: skip
+    assert not any(tag.startswith("log_likelihood_gain") for tag in found.Tags()["scalars"])
     assert found.Tags()["images"] == []
