@@ -46,7 +46,7 @@ class Attempt:
         level: robust cost a sample at that scale.
         followers: with the paths of the fit.
         withdrawn: whether it must not be asserted: one of its effects may as well be off, the nominal machine
-            does as well, or it is a table in the place of a name that does.
+            does as well, or it is a table in the place of a name, or of another table, that does.
         reach: (shared, 2) how far below and above its values the likelihood does not fall, once it was asked;
             of values that the motion alone shows, what these may err by.
         shares: (recordings,) of held-out ones, how much of what was to be followed was, for the rest the path

@@ -153,7 +153,7 @@ def _ranking(explanation: Explanation, verdict: str) -> list[dict[str, Any]]:
                 "asserted": attempt is best and (verdict != "unknown" or attempt is explanation.shown),
                 "note": f"misfit {attempt.misfit:.3g} (1 is perfect)"
                 + (
-                    "; withdrawn: may as well be off, or a simpler one does as well"
+                    "; withdrawn: may as well be off, or another one does as well or better"
                     if attempt.withdrawn
                     else ""
                 ),

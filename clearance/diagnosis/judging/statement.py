@@ -8,6 +8,7 @@ import numpy as np
 
 from clearance.diagnosis.following.attempt import EXPLAINED, Attempt, explained
 from clearance.diagnosis.hypotheses.clipping import unasked
+from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.contradiction import contradictions
 from clearance.diagnosis.judging.detectability import seen_beside
 from clearance.diagnosis.judging.free_form import free_form_of
@@ -32,6 +33,7 @@ from clearance.diagnosis.judging.verdict import (
     verdict_of,
 )
 from clearance.diagnosis.judging.words import located, sentences
+from clearance.diagnosis.searching.argument import predicted
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import null_scores, p_value
@@ -102,7 +104,7 @@ def state(
         "equivalent": [[h.name for h in a.hypotheses] for a in others] if len(others) > 1 else [],
         "equivalent_channels": [[h.channel for h in a.hypotheses] for a in others] if len(others) > 1 else [],
         **further,
-        "free_form": free_form_of(best, setting, explanation.shaken),
+        "free_form": _free_form(explanation, setting),
         "sensors": sensors,
         "smallest_seen": seen_beside(search, best),
         "fit": fit,
@@ -134,6 +136,12 @@ def state(
             *(_of_recordings(search) if open_question else []),
         ],
     }  # fmt: skip
+
+
+def _free_form(explanation: Explanation, setting: Setting) -> dict[str, Any] | None:
+    """The force without a name, and what it leaves of parts left out, as a function of which argument."""
+    found = free_form_of(explanation.best, setting, explanation.shaken)
+    return found and {**found, "left_out": predicted(explanation)}
 
 
 def _held_out(judged: Judged, struck: Sequence[str], missed: Sequence[str]) -> dict[str, Any]:

@@ -85,6 +85,9 @@ function freeForm() {
   }
   const gaps = known.length === table.length ? "" : " Elsewhere the recordings do not come, and the table says nothing.";
   if (banded) box.append(h("p", { class: "hint" }, `${known.length > 2 ? "Band" : "In brackets"}: 95 % interval.${gaps}`));
+  const rivals = Object.keys(dict(dict(DIAGNOSIS.free_form).left_out));
+  if (rivals.length > 1) box.append(h("p", { class: "hint" }, "Chosen by what is left where a part of the recordings is predicted by the others (1: noise alone). As a function of ",
+    rivals.flatMap((name, index) => [`${index ? "; " : ""}${words(name)}: `, number(["free_form", "left_out", name], { source: "diagnosis", digits: 4 })]), "."));
   const cell = (...key) => h("td", { class: "right" }, one(...key));
   box.append(h("details", {}, h("summary", {}, `Table (${table.length} points)`), h("div", { class: "scroll short", tabindex: "0", role: "region", "aria-label": "Table of the force" }, h("table", {},
     h("thead", {}, h("tr", {}, [[argument, unit.x], ["value", unit.y], ...(banded ? [["low", unit.y], ["high", unit.y]] : [])].map(([name, of]) => h("th", { class: "right" }, unitText(of) ? `${name} [${unitText(of)}]` : name)))),

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from clearance.diagnosis.following.attempt import ROOM, explained
 from clearance.diagnosis.hypotheses.free_form import unnamed
+from clearance.diagnosis.searching.argument import choose_argument
 from clearance.diagnosis.searching.confirm import confirm
 from clearance.diagnosis.searching.course import search_all
 from clearance.diagnosis.searching.edges import place_edges
@@ -33,7 +34,8 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
     is sure of, then small forces of free form, then effects that it cannot judge, are tried on paths of their
     own. What was put together is followed anew. A named force must stand against one of free form in its
     place, and again where it is left alone by pruning what is not needed. A nominal machine that explains is
-    fitted on the path of what explains more, and at last one that was lost.
+    fitted on the path of what explains more, and at last one that was lost. Of what a force without a name is
+    a function is asked last.
 
     Args:
         search: after its nominal stage.
@@ -77,3 +79,4 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
     if explanation.best is not stood:  # alone it explains on the path that another effect put right
         contest(search, explanation)
     retry_nominal(search, explanation, at_last=True)
+    choose_argument(search, explanation)

@@ -22,8 +22,8 @@ from tests.diagnosis.attempts import attempt
 def test_effects_that_explain_less_than_right_ones_are_looked_beside(monkeypatch, found, expected):
     strategy = "clearance.diagnosis.searching.strategy."
     for name in (
-        "begin_shaking", "search_all", "enlarge", "sharpen", "scrutinise", "retry_nominal", "contest",
-        "confirm", "prune",
+        "begin_shaking", "search_all", "choose_argument", "enlarge", "sharpen", "scrutinise", "retry_nominal",
+        "contest", "confirm", "prune",
     ):  # fmt: skip
         monkeypatch.setattr(strategy + name, lambda *_, **__: None)
     beside, inside = [], []
@@ -41,8 +41,8 @@ def test_effects_that_explain_less_than_right_ones_are_looked_beside(monkeypatch
 def test_beside_one_of_two_what_acts_inside_the_joint_is_asked(monkeypatch):
     strategy, inside = "clearance.diagnosis.searching.strategy.", []
     for name in (
-        "begin_shaking", "search_all", "enlarge", "sharpen", "scrutinise", "retry_nominal", "contest",
-        "confirm", "prune", "begin_elsewhere",
+        "begin_shaking", "search_all", "choose_argument", "enlarge", "sharpen", "scrutinise", "retry_nominal",
+        "contest", "confirm", "prune", "begin_elsewhere",
     ):  # fmt: skip
         monkeypatch.setattr(strategy + name, lambda *_, **__: None)
     monkeypatch.setattr(strategy + "begin_inside", lambda _, __, base, anew: inside.append(base))
@@ -57,8 +57,8 @@ def test_beside_one_of_two_what_acts_inside_the_joint_is_asked(monkeypatch):
 def test_a_name_that_explains_alone_once_another_is_pruned_stands_against_a_table_too(monkeypatch, alone):
     strategy, contested = "clearance.diagnosis.searching.strategy.", []
     for name in (
-        "begin_shaking", "search_all", "enlarge", "sharpen", "scrutinise", "retry_nominal", "confirm",
-        "begin_elsewhere", "begin_inside",
+        "begin_shaking", "search_all", "choose_argument", "enlarge", "sharpen", "scrutinise", "retry_nominal",
+        "confirm", "begin_elsewhere", "begin_inside",
     ):  # fmt: skip
         monkeypatch.setattr(strategy + name, lambda *_, **__: None)
     pair, one = attempt(["gravity", "restitution"], 1.0), attempt(["gravity"], 1.0)
@@ -78,8 +78,8 @@ def test_names_that_leave_more_than_right_ones_may_be_none_of_what_is_missing(mo
     """Lobes and another stiffness left 1.29 of what a rod that bends explained."""
     strategy, bases = "clearance.diagnosis.searching.strategy.", []
     for name in (
-        "begin_shaking", "search_all", "enlarge", "sharpen", "scrutinise", "retry_nominal", "confirm",
-        "contest", "prune", "begin_inside", "place_edges",
+        "begin_shaking", "search_all", "choose_argument", "enlarge", "sharpen", "scrutinise", "retry_nominal",
+        "confirm", "contest", "prune", "begin_inside", "place_edges",
     ):  # fmt: skip
         monkeypatch.setattr(strategy + name, lambda *_, **__: None)
     monkeypatch.setattr(strategy + "begin_elsewhere", lambda _, __, base: bases.append(base))
