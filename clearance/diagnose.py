@@ -132,6 +132,7 @@ def main(cfg: DictConfig) -> None:
             _TOGETHER_IN_MOTION if most is None else most,
             log.info,
             keep,
+            finished,
         )
     else:
         for name, left in (("uncertain", None), ("encoder_zero", "known")):

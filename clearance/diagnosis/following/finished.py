@@ -1,26 +1,15 @@
-"""Fits that an earlier run on the same recordings has finished, so that they need not be made again.
+"""Fits that an earlier run on the same recordings has finished, so that they need not be made again."""
 
-A search is the same each time: what it fits follows from the recordings, the settings and what was fitted
-before. A fit is therefore known by its place in that history. A run that was killed, or stopped by its time
-limit, goes on from there; another program, recording or setting begins anew. The files hold numbers alone.
-"""
-
-import contextlib
 import hashlib
-import os
-import re
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
-import clearance
 from clearance.diagnosis.following.attempt import COARSE, FINE, Attempt
 from clearance.diagnosis.following.growth import Followed, Start
+from clearance.diagnosis.following.kept import Arrays, Kept, folder_in
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
 from clearance.diagnosis.kinematics.agreement import Alignment, Profile
@@ -31,22 +20,9 @@ from clearance.diagnosis.shooting import follow
 from clearance.diagnosis.shooting.fit import fit
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.model import Model
-from clearance.errors import InputError
-from clearance.provenance import fingerprint
-from clearance.whole_files import write_atomically
-
-_KEPT = 30  # diagnoses whose fits stay in a folder, of about a MiB each
-_NAME = re.compile("[0-9a-f]{16}")  # of a diagnosis' folder
-_PROGRAM = (  # what a fit depends on
-    *(f"{package}/**/*.py" for package in ("diagnosis", "mechanism", "recording", "simulation")),
-    "lanes.py",
-    "compilation.py",
-)
-Found = TypeVar("Found")
-Arrays = Mapping[str, np.ndarray]
 
 
-class Finished:
+class Finished(Kept):
     """The fits of one search, kept in a folder.
 
     Args:
@@ -58,15 +34,8 @@ class Finished:
     def __init__(
         self, folder: Path | None, recordings: Sequence[Measured], report: Callable[[str], None]
     ) -> None:
-        self.folder, self.report = folder, report
+        super().__init__(folder, report)
         self.recordings = list(recordings)
-        self._history = hashlib.sha256()
-        if folder is not None:
-            _make_room(folder)
-
-    def stop(self) -> None:
-        """Keep nothing from here on: what a search does once it is late is no part of one that goes on."""
-        self.folder = None
 
     def attempt(
         self,
@@ -86,7 +55,7 @@ class Finished:
             again = fit(followers, model, kept["values"], 0, 1.0, workers, scale=scale)
             return Attempt(tuple(hypotheses), model, again, scale, again.level, followers)
 
-        return self._recall(" + ".join(h.label for h in hypotheses), make, pack, unpack)
+        return self.recall(" + ".join(h.label for h in hypotheses), make, pack, unpack)
 
     def followed(self, label: str, make: Callable[[], Followed | None]) -> Followed | None:
         """A trial on one recording."""
@@ -98,11 +67,11 @@ class Finished:
         def unpack(kept: Arrays) -> Followed:
             return self._followers(kept)[0], kept["values"], float(kept["misfit"])
 
-        return self._recall(label, make, pack, unpack)
+        return self.recall(label, make, pack, unpack)
 
     def profile(self, make: Callable[[], Profile]) -> Profile:
         """How well the motion agrees with each clearance."""
-        found = self._recall(
+        found = self.recall(
             "profile", make, lambda one: {"clearance": one.clearance, "misfit": one.misfit},
             lambda kept: Profile(kept["clearance"], kept["misfit"]),
         )  # fmt: skip
@@ -129,7 +98,7 @@ class Finished:
                 traces.append(Trace(measured, alignment, path, (crank, rod)))
             return traces
 
-        found = self._recall("traces", make, pack, unpack)
+        found = self.recall("traces", make, pack, unpack)
         assert found is not None
         return found
 
@@ -144,34 +113,8 @@ class Finished:
             each = zip(traces, self._followers(kept), kept["about"], strict=True)
             return [Start(trace, own, int(island), float(doubt)) for trace, own, (island, doubt) in each]
 
-        found = self._recall("starts", make, pack, unpack)
+        found = self.recall("starts", make, pack, unpack)
         assert found is not None
-        return found
-
-    def _recall(
-        self,
-        label: str,
-        make: Callable[[], Found | None],
-        pack: Callable[[Found], Arrays],
-        unpack: Callable[[Arrays], Found],
-    ) -> Found | None:
-        """What ``make`` returns, or returned at this place of the history; an empty file is ``None``."""
-        self._history.update(f"{label}\n".encode())
-        if self.folder is None:
-            return make()
-        path = self.folder / f"{self._history.hexdigest()[:24]}.npz"
-        kept = _read(path)
-        if kept is not None:
-            return unpack(kept) if kept else None
-        found = make()
-        if self.folder is None:  # what time has cut short is not what another run would find
-            return found
-        packed = {} if found is None else pack(found)
-        try:
-            write_atomically(path, lambda file: np.savez(file, **packed))  # type: ignore[arg-type]
-        except InputError as error:
-            self.report(f"fits are not kept for another run: {error}")
-            self.stop()
         return found
 
     def _packed(self, followers: Sequence[Follower]) -> dict[str, np.ndarray]:
@@ -225,7 +168,7 @@ def kept_in(
     for one in recordings:
         content.update(one.values.tobytes())
     known = {
-        "program": _program(), "content": content.hexdigest(), "machine": setting.machine,
+        "content": content.hexdigest(), "machine": setting.machine,
         "joint": setting.joint, "alignments": list(alignments),
         "recordings": [
             [one.name, one.channels, one.sigma.tolist(), one.chain, one.tolerances] for one in recordings
@@ -235,44 +178,4 @@ def kept_in(
         ],
         "effects": [group[0].effect for group in groups.values()],
     }  # fmt: skip
-    return root / fingerprint(known)
-
-
-@cache
-def _program() -> str:
-    """SHA-256 of the source that fits depend on."""
-    content, package = hashlib.sha256(), Path(clearance.__file__).parent
-    for path in sorted(p for pattern in _PROGRAM for p in package.glob(pattern)):
-        content.update(path.read_bytes())
-    return content.hexdigest()
-
-
-def _make_room(folder: Path) -> None:
-    """Make the folder; of those like it beside it only the newest stay. Nothing else is touched there."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        os.utime(folder)  # an old one that is in use again is no longer old
-        alike = [p for p in folder.parent.iterdir() if _NAME.fullmatch(p.name) and p.is_dir()]
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror or error}); change finished") from error
-    for outdated in sorted(alike, key=_age)[:-_KEPT]:
-        with contextlib.suppress(OSError):  # another run may be at it, or it holds what is not ours
-            for file in outdated.glob("*.npz"):
-                file.unlink()
-            outdated.rmdir()
-
-
-def _age(folder: Path) -> float:
-    try:
-        return folder.stat().st_mtime
-    except OSError:  # another run has just removed it
-        return 0.0
-
-
-def _read(path: Path) -> dict[str, np.ndarray] | None:
-    """The arrays of a file, or ``None`` where there is none that can be read."""
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            return dict(arrays)
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
-        return None
+    return folder_in(root, known)

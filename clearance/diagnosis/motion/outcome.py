@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,7 @@ def diagnose(
     most: int,
     report: Callable[[str], None],
     keep: Callable[[Findings], None] = lambda _: None,
+    finished: Path | None = None,
 ) -> Outcome[Findings]:
     """Find what the nominal machine lacks, from how its crank turns and its slider moves.
 
@@ -67,6 +69,7 @@ def diagnose(
         most: effects at once.
         report: called with progress.
         keep: called after each stage with what was found so far.
+        finished: folder of fits that need not be made again; ``None``: none are kept.
 
     Raises:
         InputError: a recording that no machine of this kind could have made, or play in the other joint.
@@ -80,8 +83,9 @@ def diagnose(
     turns = float(np.mean([abs(guess[3]) for guess in guesses])) / 60.0
     terms = gather(named, machine, joint, tracks, list(uncertain), max(turns, 0.1))
     search = Search(
-        tracks, machine, joint, terms, dict(uncertain), linkage, speed_range, seconds, workers, report
-    )
+        tracks, machine, joint, terms, dict(uncertain), linkage, speed_range, seconds, workers, report,
+        finished,
+    )  # fmt: skip
     with _interruptible(search):
         findings = Course(search, most).run(keep)
     _require_plausible(findings, search)

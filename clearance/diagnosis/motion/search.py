@@ -3,12 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import log
+from pathlib import Path
 from time import monotonic
 
 import numpy as np
 
 from clearance.diagnosis.motion.attempt import Attempt, Findings, zeros_of
 from clearance.diagnosis.motion.beginning import begin
+from clearance.diagnosis.motion.finished import Finished, kept_in
 from clearance.diagnosis.motion.fit import fit
 from clearance.diagnosis.motion.linkage import Linkage
 from clearance.diagnosis.motion.model import Model, Term
@@ -46,6 +48,7 @@ class Search:
         seconds: float,
         workers: int,
         report: Callable[[str], None],
+        finished: Path | None = None,
     ) -> None:
         self.tracks, self.terms, self.workers, self.seconds = list(tracks), terms, workers, seconds
         self.linkage, self.speeds = linkage, speeds
@@ -57,6 +60,9 @@ class Search:
             "crank_angle" in every and bool(every & {"slider_position", "slider_velocity"}),
             linkage.deviation,
         )  # fmt: skip
+        about = {"uncertain": uncertain, "speeds": speeds, "linked": linkage.zeros, "senses": linkage.turned}
+        folder = kept_in(finished, self.tracks, self.model, terms, linkage, about)
+        self.finished = Finished(folder, report)
         self.in_pieces = False
         self.turns: float | None = None
         self.started, self.stopped, self._report = monotonic(), "", report
@@ -69,6 +75,8 @@ class Search:
         """Whether nothing new is to be tried; ``stopped`` says why."""
         if not self.stopped and monotonic() - self.started > self.seconds:
             self.stopped = "four fifths of time_limit were over (time_limit=null sets none)"
+        if self.stopped:
+            self.finished.stop()
         return bool(self.stopped)
 
     @property
@@ -99,9 +107,11 @@ class Search:
     ) -> Attempt:
         """Fit a set of terms."""
         model = replace(self.model, terms=tuple(terms))
-        found = fit(
-            model, self.tracks, start, own, self.begin, self.workers, staged, _BRIEF if brief else _PATIENT
-        )
+        iterations = _BRIEF if brief else _PATIENT
+        found = self.finished.fitted(
+            model, self.tracks, self.begin,
+            lambda: fit(model, self.tracks, start, own, self.begin, self.workers, staged, iterations),
+        )  # fmt: skip
         parameters = sum(len(term.unknowns) for term in terms)
         machine, _ = model.apply(found.shared)
         if machine.parameters()[Parameter.DRIVE_INTEGRAL_GAIN]:  # each recording has its own integral

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clearance.diagnosis.following.finished import _KEPT, Finished, _make_room, kept_in
+from clearance.diagnosis.following.finished import Finished, kept_in
+from clearance.diagnosis.following.kept import _KEPT, _make_room
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.searching import one_by_one
@@ -34,7 +35,7 @@ def measured():
 
 def number(finished, label, make):
     """Something small that is kept."""
-    return finished._recall(
+    return finished.recall(
         label, make, lambda one: {"number": np.array(one)}, lambda kept: float(kept["number"])
     )
 
