@@ -16,7 +16,7 @@ from clearance.diagnosis.searching.everywhere import astray, between, fit_everyw
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import FRAME, GEOMETRIC, LOOSE_GUIDE
 from clearance.diagnosis.searching.search import Search
-from clearance.diagnosis.searching.significance import SURE, incomplete, unsettled
+from clearance.diagnosis.searching.significance import SURE, cushioned, incomplete, unsettled
 from clearance.diagnosis.searching.work import DRIVE
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import TabulatedForce
@@ -192,7 +192,7 @@ def begin_inside(
         anew: whether paths are sought with them: those of the nominal machine lack what ``base`` has.
     """
     shown, joint, alone = search.profile.best, search.setting.joint, base is explanation.nominal
-    if explained(base) and not incomplete(base):
+    if explained(base) and not incomplete(base) and not cushioned(explanation, base):
         return
     if clearance is None and alone and astray(base.fit.values[0, 0], shown):
         clearance = shown

@@ -14,7 +14,7 @@ from clearance.diagnosis.searching.parts import unfinished
 from clearance.diagnosis.searching.scrutiny import contest, hear, scrutinise
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.shaken import begin_shaking
-from clearance.diagnosis.searching.significance import incomplete, unsettled
+from clearance.diagnosis.searching.significance import cushioned, incomplete, unsettled
 from clearance.diagnosis.searching.simplify import enlarge, prune, retry_nominal
 from clearance.diagnosis.searching.small_force import begin_small_force
 from clearance.diagnosis.searching.tables import sharpen
@@ -25,7 +25,8 @@ _BODIES = ("crank", "rod", "slider")  # on which effects that no linear look can
 def find_explanation(search: Search, explanation: Explanation, keep: Callable[[Explanation], None]) -> None:
     """Find what explains the recordings, with as few effects as it takes.
 
-    A frame that its sensors feel shaking comes first, then the steps of a ``Course``. Where something is
+    A frame that its sensors feel shaking comes first, then the steps of a ``Course``, or what acts inside a
+    joint whose gap a nominal machine that explains has closed. Where something is
     left, a load's edges are looked for along the stroke, and a table is put to the test against names. Named
     effects that explain are followed anew. What explains is looked beside for what is small; where effects
     leave more than right ones do, for what acts inside the joint, and for what a linear look cannot judge,
@@ -45,6 +46,8 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
     begin_shaking(search, explanation)
     if not explained(explanation.best):
         search_all(search, explanation, keep)
+    elif cushioned(explanation, explanation.nominal):
+        begin_inside(search, explanation, explanation.nominal)
     if explanation.best.misfit > ROOM and not search.late():
         place_edges(search, explanation)
         if explained(explanation.best):

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from clearance.diagnosis.hypotheses.free_form import FREE_FORM
@@ -86,4 +87,25 @@ def test_names_that_leave_more_than_right_ones_may_be_none_of_what_is_missing(mo
     nominal, pair = attempt([], 1.55), attempt(["worn_bearing", "contact_stiffness"], left)
     search = SimpleNamespace(late=lambda: False, most=2)
     find_explanation(search, Explanation(nominal, [pair]), lambda _: None)
+    assert bases == ([nominal] if asked else [])
+
+
+@pytest.mark.parametrize(
+    ("misfit", "closed", "asked"), [(1.28, True, True), (1.28, False, False), (1.1, True, False)]
+)
+def test_a_nominal_machine_that_explains_with_its_gap_closed_is_asked_for_a_film(
+    monkeypatch, misfit, closed, asked
+):
+    """By 5 % of noise a film of 90 um left 1.28 of a joint without play, and was told as a rod that bends."""
+    strategy, bases = "clearance.diagnosis.searching.strategy.", []
+    for name in (
+        "begin_shaking", "scrutinise", "retry_nominal", "contest", "confirm", "prune", "begin_elsewhere",
+        "begin_sure", "begin_small_force",
+    ):  # fmt: skip
+        monkeypatch.setattr(strategy + name, lambda *_, **__: None)
+    monkeypatch.setattr(strategy + "begin_inside", lambda _, __, base: bases.append(base))
+    nominal = attempt([], misfit)
+    nominal.fit.values = np.array([[5e-6 if closed else 8e-5, 700.0]])
+    search = SimpleNamespace(late=lambda: False, most=2)
+    find_explanation(search, Explanation(nominal, agreed=("C", 9e-5)), lambda _: None)
     assert bases == ([nominal] if asked else [])
