@@ -6,6 +6,8 @@ import subprocess
 from contextlib import suppress
 from pathlib import Path
 
+from hydra.core.override_parser.types import Quote, QuotedString
+
 _ROOT = Path(__file__).parents[1]
 
 
@@ -13,6 +15,11 @@ def environment(**more: str) -> dict[str, str]:
     """Of a process that takes the package from where this one is, whatever the working folder."""
     paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "HYDRA_FULL_ERROR": "0", **more}
+
+
+def quoted(path: Path) -> str:
+    """A path as Hydra's grammar takes it from a command line, whatever signs it holds."""
+    return str(QuotedString(str(path.resolve()), Quote.single).with_quotes())
 
 
 def end(process: subprocess.Popen[bytes]) -> None:

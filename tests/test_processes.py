@@ -5,8 +5,9 @@ import time
 from pathlib import Path
 
 import pytest
+from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from clearance.processes import end
+from clearance.processes import end, quoted
 
 
 def _lives(number):
@@ -37,3 +38,10 @@ def test_what_a_process_started_ends_with_it_though_it_ended_before(leaves):
         time.sleep(0.1)
     assert not _lives(child)
     assert process.returncode is not None
+
+
+@pytest.mark.parametrize("name", ["plain", "Eve's rig", 'a "b" c', "model=lstm,seed=1", "{y} [z]", "a\\'b"])
+def test_a_path_reaches_a_command_as_it_is_whatever_signs_it_holds(name, tmp_path):
+    given, parser = quoted(tmp_path / name), OverridesParser.create()
+    assert parser.parse_override(f"folder={given}").value() == str(tmp_path / name)
+    assert parser.parse_override(f"files=[{given},{given}]").value() == 2 * [str(tmp_path / name)]

@@ -8,10 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hydra.core.override_parser.types import Quote, QuotedString
-
 from clearance.benchmark.measurement import Cost, measure
 from clearance.errors import InputError
+from clearance.processes import quoted
 
 
 def measure_startup(folder: Path) -> list[dict[str, Any]]:
@@ -28,8 +27,7 @@ def measure_startup(folder: Path) -> list[dict[str, Any]]:
 
 def _places(folder: Path) -> list[str]:
     places = {"dataset": folder / "data", "hydra.run.dir": folder}
-    quoted = {key: QuotedString(str(path), Quote.single).with_quotes() for key, path in places.items()}
-    return ["runs=1", *(f"{key}={path}" for key, path in quoted.items())]
+    return ["runs=1", *(f"{key}={quoted(path)}" for key, path in places.items())]
 
 
 def _run(arguments: list[str]) -> Cost:

@@ -16,7 +16,7 @@ from threading import Event, Lock
 from clearance.errors import InputError
 from clearance.evaluation.paper.trainings import Training
 from clearance.models.run_folder import METRICS
-from clearance.processes import end, environment
+from clearance.processes import end, environment, quoted
 from clearance.study.plan import Batch, Cost, expected_seconds, that_fit
 from clearance.whole_files import read_json, write_json
 
@@ -124,7 +124,7 @@ class Runner:
         command = [
             "clearance.train", "-m", "experiment=paper", f"scale={self.scale}", "trainer.progress=false",
             *batch.setting.overrides, f"split_seed={batch.split_seed}",
-            f"seed={','.join(map(str, batch.seeds))}", f"hydra.sweep.dir='{cell.resolve()}'",
+            f"seed={','.join(map(str, batch.seeds))}", f"hydra.sweep.dir={quoted(cell)}",
             "hydra.sweep.subdir='seed=${seed}'", *self._shared_cores, *self.arguments,
         ]  # fmt: skip
         code = self._run(command, cell / _LOG, self.left)
@@ -147,7 +147,7 @@ class Runner:
             self._add_costs([Cost(batch.setting.model, batch.setting.decimation, each)])
 
     def _evaluate(self, limit: float | None, *overrides: str) -> None:
-        command = ["clearance.evaluate", f"runs='{self.folder.resolve()}'", *overrides]
+        command = ["clearance.evaluate", f"runs={quoted(self.folder)}", *overrides]
         output = self.folder / _LOG
         code = self._run(command, output, limit)
         if code not in (0, None):

@@ -27,7 +27,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 from clearance.models.gauge import Estimate
 from clearance.models.run_folder import METRICS
 from clearance.predict import estimate_file, load_gauge
-from clearance.processes import end, environment
+from clearance.processes import end, environment, quoted
 from clearance.provenance import describe
 from clearance.trial.case import Case, Session
 from clearance.trial.draw import Scope
@@ -243,7 +243,7 @@ def _trained(one: Revealed, folder: Path, loop: Loop, report: Callable[[str], No
 
     def on(low: float) -> list[str]:
         drawn = f"campaign.clearance_range=[{low},{high}]"
-        return [f"begin='{nominal.resolve()}'", drawn, *loop.corrected]
+        return [f"begin={quoted(nominal)}", drawn, *loop.corrected]
 
     names = {"{joint}": case.joint.lower(), "{other}": "c" if case.joint == "B" else "b"}
     plans = {
@@ -288,7 +288,7 @@ def _filled(text: str, names: Mapping[str, str]) -> str:
 def _train(place: Path, overrides: Sequence[str]) -> None:
     """Train in a process of its own, which ends with this one."""
     place.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-m", "clearance.train", *overrides, f"hydra.run.dir='{place.resolve()}'"]
+    command = [sys.executable, "-m", "clearance.train", *overrides, f"hydra.run.dir={quoted(place)}"]
     log = place / "output.txt"
     with log.open("wb") as out:
         process = subprocess.Popen(

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from clearance.errors import InputError
-from clearance.processes import end, environment
+from clearance.processes import end, environment, quoted
 from clearance.provenance import revision
 from clearance.trial.case import KNOWN_FRAME
 from clearance.trial.conceal import CASE, CASES, names_of
@@ -96,14 +96,14 @@ class Examiner:
     def command(self, folder: Path, name: str) -> list[str]:
         """The command line for a case."""
         case, told = folder / CASES / name, read_json(folder / CASES / name / CASE, "folder")
-        recordings = ",".join(f"'{path.resolve()}'" for path in sorted(case.glob("*.parquet")))
+        recordings = ",".join(map(quoted, sorted(case.glob("*.parquet"))))
         limits = told.get("tolerances", {})
         known = ["frame=flexible", *(f"frame.{key}={value}" for key, value in KNOWN_FRAME.items())]
         return [
             *self.program, f"recordings=[{recordings}]", f"joint={told['joint']}",
             *(known if told["known_frame"] else []), f"without=[{','.join(told['without'])}]",
             *([f"tolerances={{{', '.join(f'{k}: {v}' for k, v in limits.items())}}}"] if limits else []),
-            f"hydra.run.dir='{(folder / self.verdicts / name).resolve()}'", *self.arguments,
+            f"hydra.run.dir={quoted(folder / self.verdicts / name)}", *self.arguments,
         ]  # fmt: skip
 
     def _ask(

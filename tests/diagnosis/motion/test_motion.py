@@ -223,13 +223,14 @@ def test_another_run_makes_no_fit_anew_that_an_earlier_one_has_finished(tmp_path
         diagnosed(recording, ["gravity", "slider_offset"], finished=tmp_path)
 
 
-def test_a_search_that_was_stopped_keeps_nothing_more(tmp_path):
+def test_a_search_that_was_stopped_keeps_nothing_more(tmp_path, handled):
     recording = planted(4.0, 100.0, effects={"gravity": {"gravity_y": -9.81}})
 
     def report(text):
         if "machine as it is" in text:
             os.kill(os.getpid(), signal.SIGINT)
 
+    handled(signal.SIGINT, lambda *_: None)
     diagnosed(recording, ["gravity"], report=report, finished=tmp_path)
     stopped = len(list(tmp_path.rglob("*.npz")))
     assert "gravity" in named(diagnosed(recording, ["gravity"], finished=tmp_path))
