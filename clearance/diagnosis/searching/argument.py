@@ -53,7 +53,9 @@ def choose_argument(search: Search, explanation: Explanation) -> None:
         values = np.array([[row[0], *other.forces, row[-1]] for row in best.fit.values])
         held = [free_form(other, search.setting.joint)]
         search.refit(explanation, held, best.followers, values, ANNEALING[2], again=True)
-    rivals = [a for a in explanation.standing[1:] if a.label == best.label and explained(a)]
+    tables = [a for a in explanation.standing[1:] if a.label == best.label and explained(a)]
+    limit = min(explanation.price(a) for a in explanation.standing if a not in tables)
+    rivals = [a for a in tables if explanation.price(a) < limit]  # a name that this table beat stays beaten
     least = min(_left(explanation, one) for one in rivals)
     for one in rivals:
         one.withdrawn = _left(explanation, one) > least

@@ -12,7 +12,6 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from clearance.diagnosis.hypotheses.effect_files import load_effects
 from clearance.diagnosis.hypotheses.hypothesis import Setting
-from clearance.diagnosis.motion import search
 from clearance.diagnosis.motion.attempt import zeros_of
 from clearance.diagnosis.motion.fit import OWN
 from clearance.diagnosis.motion.judged import squares
@@ -126,20 +125,6 @@ def test_nothing_is_found_where_nothing_is_missing():
     assert found["fit"]["held_out"]["after"] < 1.1
 
 
-@pytest.fixture
-def handled():
-    """Returns what sets a signal's handler for a test: started in the background some are ignored."""
-    before = {}
-
-    def put(number, handler):
-        before[number] = signal.signal(number, handler)
-        return handler
-
-    yield put
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
 def test_a_signal_that_is_ignored_does_not_end_the_search(handled):
     def report(text):
         said.append(text)
@@ -197,44 +182,6 @@ def test_what_repeats_within_a_turn_repeats_a_whole_number_of_times(order):
     assert set(effects) == {"soft_drive", "torque_ripple"}
     assert effects["torque_ripple"]["order"]["value"] == order
     assert holds(effects["torque_ripple"]["amplitude"], 0.1)
-
-
-def test_another_run_makes_no_fit_anew_that_an_earlier_one_has_finished(tmp_path, monkeypatch):
-    recording, names = planted(4.0, 100.0, effects={"gravity": {"gravity_y": -9.81}}), ["gravity"]
-    before = diagnosed(recording, names, finished=tmp_path)
-
-    def never(*_):
-        raise AssertionError("made again")
-
-    monkeypatch.setattr(search, "fit", never)
-    again = diagnosed(recording, names, finished=tmp_path)
-    for told in (before, again):
-        told.pop("seconds")
-        told.pop("peak_memory_mib")
-    assert "gravity" in named(again)
-    for told in (before, again):
-        held = told.pop("fit")["held_out"]
-        assert held["before"] > 2.0 > held["after"]
-    assert before == again
-    for other in (replace(recording, values=1.001 * recording.values), replace(recording, rate=101.0)):
-        with pytest.raises(AssertionError, match="made again"):
-            diagnosed(other, names, finished=tmp_path)
-    with pytest.raises(AssertionError, match="made again"):
-        diagnosed(recording, ["gravity", "slider_offset"], finished=tmp_path)
-
-
-def test_a_search_that_was_stopped_keeps_nothing_more(tmp_path, handled):
-    recording = planted(4.0, 100.0, effects={"gravity": {"gravity_y": -9.81}})
-
-    def report(text):
-        if "machine as it is" in text:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    handled(signal.SIGINT, lambda *_: None)
-    diagnosed(recording, ["gravity"], report=report, finished=tmp_path)
-    stopped = len(list(tmp_path.rglob("*.npz")))
-    assert "gravity" in named(diagnosed(recording, ["gravity"], finished=tmp_path))
-    assert 0 < stopped < len(list(tmp_path.rglob("*.npz")))
 
 
 @pytest.mark.slow

@@ -57,6 +57,15 @@ def test_the_table_that_predicts_what_it_was_not_fitted_to_stands(tried, taken, 
     assert [one.withdrawn for one in explanation.attempts].count(False) == 2  # and what explains nothing
 
 
+def test_a_name_that_a_table_has_beaten_does_not_come_back_with_another_table(tried):
+    first, name = table(1.02, "slider_position", 300.0), attempt(["guide_friction"], 1.025)
+    tried.made[1] = table(1.04, "crank_angle", 1.0)  # would predict better, and costs more than the name
+    explanation = Explanation(attempt([], 40.0), [name, first])
+    assert explanation.price(first) < explanation.price(name) < explanation.price(tried.made[1])
+    choose_argument(tried.search, explanation)
+    assert explanation.best is first
+
+
 @pytest.mark.parametrize(
     "best",
     [
