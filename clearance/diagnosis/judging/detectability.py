@@ -1,13 +1,14 @@
-"""What could be seen: the smallest size of an effect that sensors show, by clearance, speed and sensor set.
+"""What could be seen, by linear theory: the smallest size of an effect that sensors show.
 
-Linear theory: beside a path that is known to within the noise, an effect's parameter has a standard error,
+Beside a path that is known to within the noise, an effect's parameter has a standard error,
 with the path, the clearance and the speed unknown. An effect is seen with power 90 % in a two-sided test at
 5 % where it is z(0.975) + z(0.9) = 3.24 standard errors from "off" (Lachin 1981, Control. Clin. Trials 2).
-Below that it cannot be seen here, which is not the same as absent.
+Below that it cannot be seen here, which is not the same as absent. What has no derivative at "off" is in
+``finite_sizes``, the map over clearances, speeds and sensor sets in ``nominal_map``.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,7 @@ def seen(hypotheses: Sequence[Hypothesis], deviations: Sequence[float]) -> list[
     for hypothesis, deviation in zip(hypotheses, deviations, strict=True):
         unknown = hypothesis.unknowns[0]
         unit = hypothesis.effect.parameter(unknown.name).unit if hypothesis.effect else ""
-        size = _size(deviation, unknown.high - unknown.low)
+        size = shown_size(deviation, unknown.high - unknown.low)
         found.append({"name": hypothesis.name, "parameter": unknown.name, "unit": unit, "size": size})
     return found
 
@@ -93,131 +94,136 @@ def seen_beside(search: Search, attempt: Attempt) -> list[dict[str, Any]]:
     return seen(*zip(*one, strict=True)) if one else []
 
 
-def _size(deviation: float, span: float) -> float | None:
-    """The smallest size, to the digits that linear theory is worth; none beyond what a parameter may be."""
+def shown_size(deviation: float, span: float) -> float | None:
+    """The smallest size from a standard error; none beyond what a parameter may be."""
     size = float(smallest(np.array(deviation)))
-    return float(f"{size:.3g}") if np.isfinite(size) and size < span else None
+    return rounded(size if np.isfinite(size) and size < span else None)
 
 
-def detectability_map(
-    setting: Setting,
-    groups: Mapping[str, Sequence[Hypothesis]],
-    clearances: Sequence[float],
-    speeds: Sequence[float],
-    sensor_sets: Sequence[SensorSet],
-    faults: Sequence[Effect] = (),
-) -> dict[str, Any]:
-    """The smallest sizes for one second of recording.
-
-    Effects that give the machine new coordinates, and those that are off at infinity, are not on the map:
-    they have no derivative at "off".
-
-    Args:
-        setting: the nominal machine and the joint.
-        groups: hypotheses by label; the first of each effect stands for it.
-        clearances: [m].
-        speeds: [rpm].
-        sensor_sets: of accelerations.
-        faults: of one sensor each, see ``faults_of_sensors``.
-
-    Returns:
-        As the report takes it: ``effects``, each with ``size`` by sensor set, (clearances, speeds).
-    """
-    chosen = differentiable(groups, setting.with_clearance(clearances[0]))
-    entries: list[dict[str, Any]] = seen(chosen, [np.inf] * len(chosen))
-    spans = [h.unknowns[0].high - h.unknowns[0].low for h in chosen]
-    for fault in faults:
-        parameter = fault.free[0]
-        entries.append(
-            {"name": fault.name, "parameter": parameter.name, "unit": parameter.unit, "of": "sensor"}
-        )
-        spans.append(parameter.bounds[1] - parameter.bounds[0])
-    for one in entries:
-        one["size"] = {s.name: [[None] * len(speeds) for _ in clearances] for s in sensor_sets}
-    for i, clearance in enumerate(clearances):
-        for j, speed in enumerate(speeds):
-            found = errors_by_sensor_set(setting, chosen, clearance, speed, sensor_sets, faults)
-            for name, each in found.items():
-                for one, deviation, span in zip(entries, each, spans, strict=True):
-                    one["size"][name][i][j] = _size(deviation, span)
-    return {
-        "joint": setting.joint, "noise": NOISE, "seconds": 1.0,
-        "clearance_m": list(clearances), "speed_rpm": list(speeds),
-        "sensor_sets": {s.name: list(s.channels) for s in sensor_sets}, "effects": entries,
-    }  # fmt: skip
+def rounded(size: float | None) -> float | None:
+    """A size to the digits that such a reckoning is worth."""
+    return None if size is None else float(f"{size:.3g}")
 
 
 def differentiable(groups: Mapping[str, Sequence[Hypothesis]], machine: SliderCrank) -> list[Hypothesis]:
-    """The first hypothesis of each physical effect that a machine without it has a derivative by."""
+    """The first hypothesis of each effect that is no sensor's and that a machine has a derivative by."""
     found: dict[str, Hypothesis] = {}
     for trials in groups.values():
         hypothesis = trials[0]
-        if hypothesis.kind != "physics" or hypothesis.name in found or hypothesis.structural(machine):
+        if hypothesis.channel or hypothesis.name in found or hypothesis.structural(machine):
             continue
-        try:
-            _varied(hypothesis, machine)
-        except InputError:
-            continue
-        found[hypothesis.name] = hypothesis
+        if np.isfinite(hypothesis.off[0]):
+            found[hypothesis.name] = hypothesis
     return list(found.values())
 
 
-def faults_of_sensors(effects: Sequence[Effect]) -> list[Effect]:
-    """Faults of one sensor that are off at a finite value."""
-    return [e for e in effects if e.each_channel and e.free[0].off is not None and np.isfinite(e.free[0].off)]
+@dataclass(frozen=True)
+class Fault:
+    """What a fault of one sensor changes, in whichever sensor it is.
+
+    Attributes:
+        effect: whose first parameter it is.
+        values: (accelerations,) of the parameter, whose whole change is one unit; ``None``: its derivative
+            at "off", in the parameter's unit.
+    """
+
+    effect: Effect
+    values: np.ndarray | None = None
+
+    def change(self, signals: np.ndarray, channel: str, rate: float) -> np.ndarray:
+        """(samples, accelerations) that it changes (samples, accelerations) signals by, if it is there."""
+        parameter = self.effect.free[0]
+        if self.values is not None:
+            value = float(self.values[ACCELERATIONS.index(channel)])
+            faulty = Instrument().changed(parameter.path, value, channel)
+            return faulty.apply(signals, ACCELERATIONS, rate) - signals
+        assert parameter.off is not None
+        return derivative(
+            Instrument(), parameter.path, parameter.off, 1e-3 * abs(parameter.start), signals, ACCELERATIONS,
+            rate, channel,
+        )  # fmt: skip
 
 
-def errors_by_sensor_set(
-    setting: Setting,
-    hypotheses: Sequence[Hypothesis],
-    clearance: float,
-    speed: float,
-    sensor_sets: Sequence[SensorSet],
-    faults: Sequence[Effect] = (),
-    noise: float = NOISE,
-) -> dict[str, np.ndarray]:
-    """(hypotheses + faults,) standard errors of first parameters in a second of recording, by sensor set.
+def faults_of_sensors(effects: Sequence[Effect]) -> list[Fault]:
+    """Faults of one sensor that are off at a finite value, which have a derivative there."""
+    return [
+        Fault(e)
+        for e in effects
+        if e.each_channel and e.free[0].off is not None and np.isfinite(e.free[0].off)
+    ]
 
-    A fault's is that of the sensor which shows it least, of those which show it at all.
+
+@dataclass(frozen=True)
+class Linearised:
+    """The nominal machine on a noiseless recording of itself, with first traces of effects beside it.
+
+    Attributes:
+        look: by all accelerometers; clearance, speed, then the effects.
+        measured: the recording.
+        model: of the nominal machine.
+        steps: of each parameter.
+    """
+
+    look: Pass
+    measured: Measured
+    model: Model
+    steps: np.ndarray
+
+    @property
+    def signals(self) -> np.ndarray:
+        """(samples, accelerations) recorded."""
+        return self.measured.values.reshape(-1, len(ACCELERATIONS))
+
+    def errors(self, sensors: SensorSet, faults: Sequence[Fault] = ()) -> tuple[np.ndarray, np.ndarray]:
+        """Standard errors of first parameters in a second of recording, one effect or fault at a time.
+
+        Args:
+            sensors: of accelerations.
+            faults: of one of these sensors.
+
+        Returns:
+            (effects,) and (faults, accelerations); infinite where nothing shows it.
+        """
+        one = _with_sensors(_with_faults(self.look, self.measured, faults), sensors.channels)
+        steps = np.append(self.steps, np.ones(len(faults) * len(ACCELERATIONS)))
+        found = np.sqrt(self.measured.seconds) * _standard_errors(one.gram, steps, self.model)
+        effects = len(self.steps) - len(self.model.unknowns)
+        return found[:effects], found[effects:].reshape(len(faults), len(ACCELERATIONS))
+
+
+def linearised(
+    setting: Setting, hypotheses: Sequence[Hypothesis], clearance: float, speed: float, noise: float = NOISE
+) -> Linearised:
+    """Linearise the nominal machine about itself.
 
     Args:
         setting: the nominal machine and the joint.
-        hypotheses: tried one at a time, see ``differentiable``.
+        hypotheses: effects beside it, see ``differentiable``.
         clearance: [m].
         speed: [rpm].
-        sensor_sets: of accelerations.
-        faults: of one sensor each, likewise.
         noise: standard deviation over that of the channel.
     """
     model, values = setting.model(), np.array([clearance, speed])
     machine = model.machine(values)
     follower = follower_on_path(machine, noise)
     columns, _ = model.columns(values)
-    one = follower.look(machine, [*columns, *(_varied(h, machine) for h in hypotheses)])
-    one = _with_faults(one, follower.measured, faults)
-    own = [*(model.step(values, i) for i in range(len(values))), *(h.unknowns[0].step for h in hypotheses)]
-    steps = np.array([*own, *[1.0] * (len(faults) * len(ACCELERATIONS))])
-    longer = np.sqrt(follower.measured.seconds)
-    found = {}
-    for sensors in sensor_sets:
-        errors = longer * _standard_errors(_with_sensors(one, sensors.channels).gram, steps, model)
-        each = errors[len(hypotheses) :].reshape(len(faults), len(ACCELERATIONS))
-        worst = np.where(np.isfinite(each), each, -1.0).max(axis=1, initial=-1.0)
-        found[sensors.name] = np.append(errors[: len(hypotheses)], np.where(worst > 0.0, worst, np.inf))
-    return found
+    traces = [(one, _trace(one)) for one in hypotheses]
+    faulty = [one.fault and one.fault(Instrument(), trace) for one, trace in traces]
+    look = follower.look(
+        machine,
+        [*columns, *(one.apply(machine, trace) for one, trace in traces)],
+        faults=[*[None] * len(columns), *faulty],
+    )
+    own = [model.step(values, i) for i in range(len(values))]
+    steps = np.array([*own, *(one.unknowns[0].step for one in hypotheses)])
+    return Linearised(look, follower.measured, model, steps)
 
 
-def _varied(hypothesis: Hypothesis, machine: SliderCrank) -> SliderCrank:
-    """The machine with a first trace of an effect, its shapes as in the trial.
-
-    Raises:
-        InputError: the effect is off at infinity.
-    """
+def _trace(hypothesis: Hypothesis) -> np.ndarray:
+    """(unknowns,) values of a first trace of an effect, its shapes as in the trial."""
     values = np.where(hypothesis.shapes, hypothesis.start, hypothesis.off)
-    if not np.isfinite(values).all():
-        raise InputError(f"{hypothesis.name}: is off at infinity and has no derivative there")
     values[0] += hypothesis.unknowns[0].step
-    return hypothesis.apply(machine, values)
+    return values
 
 
 def follower_on_path(
@@ -263,20 +269,15 @@ def _fold(codes: np.ndarray, p: np.ndarray, s: np.ndarray, node: np.ndarray) -> 
     fold(codes, p, s, 0, node)
 
 
-def _with_faults(one: Pass, measured: Measured, faults: Sequence[Effect]) -> Pass:
+def _with_faults(one: Pass, measured: Measured, faults: Sequence[Fault]) -> Pass:
     """The same linearisation with a column for each fault of each sensor, in the fault's unit."""
     flow, *rest, sensitivity, residual = one.system
     signals = measured.values.reshape(-1, len(ACCELERATIONS))
     weight = one.used / measured.sigma
     columns = [sensitivity]
     for fault in faults:
-        parameter = fault.free[0]
-        assert parameter.off is not None
         for channel in ACCELERATIONS:
-            change = derivative(
-                Instrument(), parameter.path, parameter.off, 1e-3 * abs(parameter.start), signals,
-                ACCELERATIONS, measured.chain.rate, channel,
-            )  # fmt: skip
+            change = fault.change(signals, channel, measured.chain.rate)
             columns.append((change.reshape(weight.shape) * weight).reshape(*residual.shape, 1))
     moved = np.zeros((*flow.shape[:2], len(columns) - 1))  # no sensor changes how the machine moves
     flow, shown = np.concatenate([flow, moved], axis=2), np.concatenate(columns, axis=2)

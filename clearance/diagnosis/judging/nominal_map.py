@@ -1,20 +1,43 @@
-"""The detectability map of the nominal machine: computed by ``make detectability``, kept beside this file."""
+"""The detectability map: sizes of effects that can be seen, by clearance, speed and sensor set.
+
+That of the nominal machine is computed by ``make detectability`` and kept beside this file.
+"""
 
 import json
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from importlib import resources
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
+from tqdm import tqdm
 
 from clearance.configuration import CONFIGURATION
+from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.effect_files import load_effects
-from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Setting, gather, settled
-from clearance.diagnosis.judging.detectability import detectability_map, faults_of_sensors
+from clearance.diagnosis.hypotheses.hypothesis import SOME_CLEARANCE, Hypothesis, Setting, gather, settled
+from clearance.diagnosis.judging.detectability import (
+    NOISE,
+    differentiable,
+    faults_of_sensors,
+    linearised,
+    rounded,
+    shown_size,
+)
+from clearance.diagnosis.judging.finite_sizes import (
+    Ladder,
+    highest,
+    left_by_sensor_set,
+    limits_of_sensors,
+    rungs,
+    without_derivative,
+)
 from clearance.diagnosis.sensing.restoration import STILL
 from clearance.mechanism.drive import Drive
 from clearance.mechanism.joint import Joint
@@ -30,15 +53,115 @@ _MACHINES = {"B": SliderCrank(joint_b=Joint(SOME_CLEARANCE)), "C": SliderCrank(j
 
 
 def write_nominal_map() -> None:
-    """Compute the maps of both joints, with the paper's sets of sensors, in a few minutes."""
+    """Compute the maps of both joints, with the paper's sets of sensors, in about an hour."""
     effects, sensor_sets = load_effects("all", []), _sensor_sets()
-    faults = faults_of_sensors(effects)
-    maps = {}
-    for joint, machine in _MACHINES.items():
-        groups = gather([e for e in effects if e.kind == "physics"], machine, joint, ())
-        setting = Setting(machine, joint)
-        maps[joint] = detectability_map(setting, groups, CLEARANCES, SPEEDS, sensor_sets, faults)
+    maps = {
+        joint: detectability_map(Setting(machine, joint), effects, CLEARANCES, SPEEDS, sensor_sets)
+        for joint, machine in _MACHINES.items()
+    }
     write_json(Path(str(resources.files(__package__).joinpath(_STORED))), maps)
+
+
+def detectability_map(
+    setting: Setting,
+    effects: Sequence[Effect],
+    clearances: Sequence[float],
+    speeds: Sequence[float],
+    sensor_sets: Sequence[SensorSet],
+) -> dict[str, Any]:
+    """The sizes of effects that are seen in one second of recording.
+
+    Args:
+        setting: the nominal machine and the joint.
+        effects: of each, its first variant and trial are asked.
+        clearances: [m].
+        speeds: [rpm].
+        sensor_sets: of accelerations.
+
+    Returns:
+        As the report takes it: ``effects``, each with ``size`` by sensor set, (clearances, speeds); smaller
+        than that it cannot be seen, or larger where ``seen`` is ``below``. What is ``of`` the machine's
+        ``structure`` adds coordinates; its size does not fall with a recording's length.
+    """
+    machine = setting.with_clearance(clearances[0])
+    groups = gather(effects, machine, setting.joint, ())
+    smooth, finite = differentiable(groups, machine), without_derivative(groups, machine)
+    faults = [fault.effect for fault in faults_of_sensors(effects)] + limits_of_sensors(effects)
+    entries = [
+        *(_told(one.effect, "machine") for one in smooth if one.effect),
+        *(_told(one.effect, "structure") for one in finite if one.effect),
+        *(_told(one, "sensor") for one in faults),
+    ]
+    with ThreadPoolExecutor() as pool:
+        each = pool.map(
+            lambda clearance: _row(setting, smooth, finite, effects, clearance, speeds, sensor_sets),
+            clearances,
+        )
+        rows = list(tqdm(each, total=len(clearances), unit="clearance", desc=f"joint {setting.joint}"))
+    for k, one in enumerate(entries):
+        one["size"] = {s.name: [[cell[s.name][k] for cell in row] for row in rows] for s in sensor_sets}
+    return {
+        "joint": setting.joint, "noise": NOISE, "seconds": 1.0,
+        "clearance_m": list(clearances), "speed_rpm": list(speeds),
+        "sensor_sets": {s.name: list(s.channels) for s in sensor_sets}, "effects": entries,
+    }  # fmt: skip
+
+
+def _told(effect: Effect, of: str) -> dict[str, Any]:
+    """An entry of the map without its sizes; ``of``: what it is an effect of."""
+    first = effect.free[0]
+    seen = "below" if first.off == np.inf else "above"
+    return {"name": effect.name, "parameter": first.name, "unit": first.unit, "of": of, "seen": seen}
+
+
+def _row(
+    setting: Setting,
+    smooth: Sequence[Hypothesis],
+    finite: Sequence[Hypothesis],
+    effects: Sequence[Effect],
+    clearance: float,
+    speeds: Sequence[float],
+    sensor_sets: Sequence[SensorSet],
+) -> list[dict[str, list[float | None]]]:
+    """At each speed, by sensor set, all sizes: of ``smooth``, of ``finite``, and of faults of sensors."""
+    begin = dict.fromkeys((one.name for one in finite), 4)
+    row = []
+    for speed in speeds:
+        found = _linear(setting, smooth, effects, clearance, speed, sensor_sets)
+        for one in finite:
+            ladder = Ladder(one, partial(left_by_sensor_set, setting, one, clearance, speed, sensor_sets))
+            sizes, begin[one.name] = ladder.smallest(begin[one.name])
+            for name, size in sizes.items():
+                found[name][0].append(rounded(size))
+        row.append({name: [*of_machine, *of_sensors] for name, (of_machine, of_sensors) in found.items()})
+    return row
+
+
+def _linear(
+    setting: Setting,
+    smooth: Sequence[Hypothesis],
+    effects: Sequence[Effect],
+    clearance: float,
+    speed: float,
+    sensor_sets: Sequence[SensorSet],
+) -> dict[str, tuple[list[float | None], list[float | None]]]:
+    """By sensor set: sizes of effects with a derivative, and of all faults of sensors."""
+    look = linearised(setting, smooth, clearance, speed)
+    spans = [one.unknowns[0].high - one.unknowns[0].low for one in smooth]
+    plain = faults_of_sensors(effects)
+    ladders = [rungs(effect, look.signals) for effect in limits_of_sensors(effects)]
+    found = {}
+    for sensors in sensor_sets:
+        errors, each = look.errors(sensors, [*plain, *chain.from_iterable(ladders)])
+        of_sensors, place = [], len(plain)
+        for fault, own in zip(plain, each, strict=False):
+            low, high = fault.effect.free[0].bounds
+            of_sensors.append(shown_size(own[np.isfinite(own)].max(initial=0.0) or np.inf, high - low))
+        for ladder in ladders:
+            of_sensors.append(rounded(highest(ladder, each[place : place + len(ladder)])))
+            place += len(ladder)
+        found[sensors.name] = [*map(shown_size, errors, spans)], of_sensors
+    return found
 
 
 def nominal_map(

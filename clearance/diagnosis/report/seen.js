@@ -7,7 +7,7 @@ function detectable() {
   const own = list(here.effects).filter((effect) => effect?.name !== undefined);
   const mapped = clearances.length > 0 && speeds.length > 0 && effects.length > 0;
   if (!mapped && !own.length) return;
-  const block = section("seen", "What could be seen", "The smallest size of each effect that these sensors can show, nine times out of ten at a false alarm rate of 5 %. Beside a model that is otherwise right a diagnosis asserts from about 2.4 times that size, where neither chance nor another integrator's errors reach. Below it an effect cannot be seen here, which is not the same as absent.");
+  const block = section("seen", "What could be seen", "The smallest size of each effect that these sensors can show, nine times out of ten at a false alarm rate of 5 %. Beside a model that is otherwise right a diagnosis asserts from about 2.4 times that size, where neither chance nor another integrator's errors reach. What makes parts loose or elastic is looked for where it leaves a fifth more than noise: from that size on. What is smaller cannot be seen here, which is not the same as absent.");
   if (own.length) ownSizes(card(block, "In these recordings"), own);
   if (mapped) sizeMap(card(block, `Any recording of ${isNumber(map.seconds) ? `${text(map.seconds)} s` : "this length"}${isNumber(map.noise) ? ` at ${text(100 * map.noise)} % noise` : ""}`, "detectability"), map, here, effects, sets);
 }
@@ -34,20 +34,20 @@ function sizeMap(box, map, here, effects, sets) {
   show();
 
   function show() {
-    const { effect, index } = effects[chosen], sizes = list(effect.size[sensors]);
+    const { effect, index } = effects[chosen], sizes = list(effect.size[sensors]), below = effect.seen === "below";
     const [low, high] = extent(sizes.flat().filter((value) => value > 0));
-    const shade = (value) => (high > low * 1.05 ? Math.round(4 * (1 - Math.log(value / low) / Math.log(high / low))) : 2);
+    const rank = (value) => Math.log(value / low) / Math.log(high / low), shade = (value) => (high > low * 1.05 ? Math.round(4 * (below ? rank(value) : 1 - rank(value))) : 2);
     const isHere = (r, c) => r === row && c === column && sensors === here.sensors;
     const cell = (r, c) => {
       const value = list(sizes[r])[c], mark = isHere(r, c) ? { class: "here", "aria-label": "nearest to these recordings" } : {};
       if (!isNumber(value)) return fill(unseen(), isHere(r, c) ? { class: "right unseen here" } : {}, []);
       return h("td", { ...mark, class: `right d${shade(value)} ${mark.class ?? ""}` }, number(["detectability", "effects", index, "size", sensors, r, c], { source: "evidence", digits: 2 }));
     };
-    stage.replaceChildren(h("p", { class: "small-head" }, `Smallest ${unitOf(effect)}${effect.of === "sensor" ? ", in the sensor that shows it least" : ""}`),
-      h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Smallest ${unitOf(effect)} of ${words(effect.name)}, by clearance and speed` }, h("table", { class: "map" },
+    stage.replaceChildren(h("p", { class: "small-head" }, `${below ? "Highest" : "Smallest"} ${unitOf(effect)}${effect.of === "sensor" ? ", in the sensor that shows it least" : ""}`),
+      h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `${below ? "Highest" : "Smallest"} ${unitOf(effect)} of ${words(effect.name)}, by clearance and speed` }, h("table", { class: "map" },
         h("thead", {}, h("tr", {}, h("th", {}, "Clearance"), map.speed_rpm.map((_, c) => h("th", { class: "right" }, h("span", {}, number(["detectability", "speed_rpm", c], { source: "evidence" }), " rpm"))))),
         h("tbody", {}, map.clearance_m.map((_, r) => h("tr", {}, h("th", { scope: "row" }, number(["detectability", "clearance_m", r], { source: "evidence", scale: 1000 }), " mm"), map.speed_rpm.map((_, c) => cell(r, c))))))),
-      h("p", { class: "hint" }, `${row >= 0 && sensors === here.sensors ? "Framed: nearest to these recordings. " : ""}Stronger colour: smaller sizes can be seen. Sizes fall with the root of a recording's length.`));
+      h("p", { class: "hint" }, `${row >= 0 && sensors === here.sensors ? "Framed: nearest to these recordings. " : ""}Stronger colour: ${below ? "higher values" : "smaller sizes"} can be seen.${effect.of === "structure" ? "" : " Sizes fall with the root of a recording's length."}`));
     const framed = stage.querySelector(".here"), frame = stage.querySelector(".scroll"); // into view on a narrow page
     if (framed) frame.scrollLeft = Math.max(0, framed.offsetLeft + framed.offsetWidth - frame.clientWidth + 12);
   }

@@ -10,15 +10,14 @@ from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.judging.detectability import (
     _standard_errors,
     _with_faults,
-    detectability_map,
     differentiable,
-    errors_by_sensor_set,
     faults_of_sensors,
     follower_on_path,
+    linearised,
     seen,
     smallest,
 )
-from clearance.diagnosis.judging.nominal_map import CLEARANCES, SPEEDS, nominal_map
+from clearance.diagnosis.judging.nominal_map import CLEARANCES, SPEEDS, detectability_map, nominal_map
 from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.shooting.covariance import deviations
 from clearance.diagnosis.shooting.fit import fit
@@ -26,6 +25,7 @@ from clearance.diagnosis.shooting.follow import Follower
 from clearance.mechanism.drive import SpeedControl
 from clearance.mechanism.joint import Joint
 from clearance.mechanism.slider_crank import SliderCrank
+from clearance.recording.chain import MeasurementChain
 from clearance.recording.channels import ACCELERATIONS, SensorSet
 
 CLEARANCE, RPM = 3e-4, 700.0
@@ -46,8 +46,8 @@ def test_a_size_is_seen_with_power_ninety_at_five_per_cent():
 
 
 def test_effects_without_a_derivative_are_left_out_and_sizes_beyond_the_bounds_too():
-    found = hypotheses("guide_friction", "rod_flexibility", "flexible_base", "rod_inertia")
-    assert set(found) == {"guide_friction", "rod_inertia"}
+    found = hypotheses("guide_friction", "rod_flexibility", "flexible_base", "rod_inertia", "timebase")
+    assert set(found) == {"guide_friction", "rod_inertia", "timebase"}
     few = seen([found["guide_friction"]] * 3, [0.01, 1e9, np.inf])
     assert few[0] == {"name": "guide_friction", "parameter": "coulomb_force", "unit": "N", "size": 0.0324}
     assert [entry["size"] for entry in few[1:]] == [None, None]
@@ -55,10 +55,10 @@ def test_effects_without_a_derivative_are_left_out_and_sizes_beyond_the_bounds_t
 
 def test_noise_and_sensors_set_the_standard_error():
     chosen = list(hypotheses("guide_friction", "torque_ripple").values())
-    one = errors_by_sensor_set(SETTING, chosen, CLEARANCE, RPM, [ALL, ROD])
-    two = errors_by_sensor_set(SETTING, chosen, CLEARANCE, RPM, [ALL], noise=0.02)
-    assert (one["all"] < one["rod"]).all()
-    friction, ripple = two["all"] / one["all"]
+    one = linearised(SETTING, chosen, CLEARANCE, RPM)
+    everywhere, _ = one.errors(ALL)
+    assert (everywhere < one.errors(ROD)[0]).all()
+    friction, ripple = linearised(SETTING, chosen, CLEARANCE, RPM, noise=0.02).errors(ALL)[0] / everywhere
     assert ripple == pytest.approx(2.0, rel=0.1)
     assert 1.1 < friction < 1.9  # the unknown forces, which do not follow the noise, cover a part of it
 
@@ -71,7 +71,7 @@ def test_the_stored_map_is_complete_and_knows_where_a_recording_lies(joint):
     assert nominal_map(setting, 3e-4, 700.0, ACCELERATIONS[4:8], [])["here"]["sensors"] == "rod"
     assert nominal_map(setting, 3e-4, 700.0, ["slider_position"], [])["here"]["sensors"] is None
     names = {effect["name"] for effect in stored["effects"]}
-    assert {"guide_friction", "rod_inertia", "joint_friction", "sensor_gain", "sensor_delay"} <= names
+    assert names == {effect.name for effect in load_effects("all", [])}
     for effect in stored["effects"]:
         for name in stored["sensor_sets"]:
             assert np.shape(effect["size"][name]) == (len(CLEARANCES), len(SPEEDS))
@@ -88,17 +88,23 @@ def test_no_map_is_shown_of_another_machine():
 
 
 def test_the_stored_map_is_what_this_simulator_gives():
-    groups = gather(load_effects(["guide_friction", "joint_friction"], []), MACHINE, "C", ())
-    faults = faults_of_sensors(load_effects(["sensor_gain", "sensor_delay"], []))
-    fresh = detectability_map(SETTING, groups, [CLEARANCE], [RPM], [ROD], faults)
+    names = [
+        "guide_friction",
+        "joint_friction",
+        "timebase",
+        "sensor_gain",
+        "sensor_delay",
+        "sensor_resonance",
+    ]
+    fresh = detectability_map(SETTING, load_effects(names, []), [CLEARANCE], [RPM], [ROD])
     stored = {e["name"]: e for e in nominal_map(SETTING, CLEARANCE, RPM, [], [])["effects"]}
-    names = {"guide_friction", "joint_friction", "sensor_gain", "sensor_delay"}
-    assert {effect["name"] for effect in fresh["effects"]} == names
+    assert [effect["name"] for effect in fresh["effects"]] == names
     place = CLEARANCES.index(CLEARANCE), SPEEDS.index(RPM)
     for effect in fresh["effects"]:
         kept = stored[effect["name"]]["size"]["rod"][place[0]][place[1]]
         assert kept is not None
         assert effect["size"]["rod"][0][0] == pytest.approx(kept, rel=0.1)
+        assert effect["seen"] == ("below" if effect["name"] == "sensor_resonance" else "above")
 
 
 @pytest.mark.parametrize("name", ["sensor_gain", "sensor_delay"])
@@ -107,13 +113,12 @@ def test_a_sensors_fault_of_that_size_is_estimated_three_errors_away_from_off(na
     model, values = SETTING.model(), np.array([CLEARANCE, RPM])
     machine = model.machine(values)
     channel = ACCELERATIONS.index("slider_horizontal")
+    off = fault.effect.free[0]
     truth = follower_on_path(machine, 0.01)
     steps = np.array([*(model.step(values, i) for i in range(2)), *[1.0] * len(ACCELERATIONS)])
     clean = _with_faults(truth.look(machine, model.columns(values)[0]), truth.measured, [fault]).solve()
     error = _standard_errors(clean.gram, steps, model)[channel]
-    values_with = Instrument().changed(
-        fault.free[0].path, fault.free[0].off + smallest(np.array(error)), "slider_horizontal"
-    )
+    values_with = Instrument().changed(off.path, off.off + smallest(np.array(error)), "slider_horizontal")
     measured = truth.measured
     flat = values_with.apply(measured.values.reshape(-1, 10), ACCELERATIONS, measured.chain.rate)
 
@@ -134,6 +139,22 @@ def test_a_sensors_fault_of_that_size_is_estimated_three_errors_away_from_off(na
     assert 0.4 < np.std(scores, ddof=1) < 2.0  # a standard error is that: chi-square of 5, beyond 1 in 1000
 
 
+def test_a_clock_is_known_as_well_as_the_fit_of_a_recording_by_a_wrong_one_says():
+    clock = hypotheses("timebase")["timebase"]
+    error = linearised(SETTING, [clock], CLEARANCE, RPM).errors(ALL)[0][0]
+    wrong = 4e-4  # a sample lasts so much longer than it says
+    late = follower_on_path(
+        SETTING.model().machine(np.array([CLEARANCE, RPM])), 0.01, MeasurementChain(1e5 / (1.0 + wrong))
+    )
+    chain = MeasurementChain()
+    follower = Follower(replace(late.measured, chain=chain), late.integrator, late.input_sigma.copy())
+    follower.path = late.path.copy()
+    done = fit([follower], SETTING.model([clock]), np.array([[CLEARANCE, 0.0, RPM]]), 8, 1e-6, 1)
+    assert done.values[0, 1] == pytest.approx(wrong, rel=0.05)
+    longer = np.sqrt(follower.measured.seconds)
+    assert deviations(done)[1] * longer == pytest.approx(error, rel=0.3)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "sensors"), [("guide_friction", ALL), ("rod_inertia", ROD)])
 def test_fits_find_an_effect_of_that_size_and_not_a_third_of_it(name, sensors):
@@ -144,7 +165,7 @@ def test_fits_find_an_effect_of_that_size_and_not_a_third_of_it(name, sensors):
     for share in (1.0, 1.0 / 3.0):
         values = hypothesis.off.copy()
         seconds = 0.3
-        error = errors_by_sensor_set(SETTING, [hypothesis], CLEARANCE, RPM, [sensors])[sensors.name][0]
+        error = linearised(SETTING, [hypothesis], CLEARANCE, RPM).errors(sensors)[0][0]
         values[0] += share * smallest(error) / np.sqrt(seconds)
         truth = follower_on_path(hypothesis.apply(SETTING.model().machine(start[0, [0, -1]]), values), 0.01)
         assert truth.measured.seconds == pytest.approx(seconds)
