@@ -29,8 +29,9 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
     joint whose gap a nominal machine that explains has closed. Where something is
     left, a load's edges are looked for along the stroke, and a table is put to the test against names. Named
     effects that explain are followed anew. What explains is looked beside for what is small; where effects
-    leave more than right ones do, for what acts inside the joint, and for what a linear look cannot judge,
-    which is then asked beside the nominal machine, too.
+    leave more than right ones do, for what a look beside a nominal machine that explains was sure of, for
+    what acts inside the joint, and for what a linear look cannot judge, which is then asked beside the
+    nominal machine, too.
     Where nothing takes away what is too much for a machine with nothing missing, effects that a linear look
     is sure of, then small forces of free form, then effects that it cannot judge, are tried on paths of their
     own. What was put together is followed anew. A named force must stand against one of free form in its
@@ -56,6 +57,9 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
     confirm(search, explanation)
     confirmed = explanation.best
     scrutinise(search, explanation)
+    unsure = incomplete(explanation.best) and unsettled(explanation)
+    if unsure and not search.late():
+        begin_sure(search, explanation)
     base = unfinished(explanation, search.most)
     part = incomplete(explanation.best) and explained(base) and not unsettled(explanation)
     if part and not search.late():
@@ -66,7 +70,8 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
         begin_elsewhere(search, explanation, explanation.nominal)
     retry_nominal(search, explanation)
     if unsettled(explanation) and not search.late():
-        begin_sure(search, explanation)
+        if not unsure:
+            begin_sure(search, explanation)
         begin_small_force(search, explanation)
         table = unnamed(explanation.best.hypotheses)
         if unsettled(explanation) or (table is not None and table.body in _BODIES):

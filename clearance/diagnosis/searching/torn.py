@@ -5,6 +5,8 @@ that is torn: its errors are so large that they hardly count. So the stretches a
 anew with each effect, everything else held; they are short, and this is quick.
 """
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 
 from clearance.diagnosis.following.attempt import APART, NEAR, Attempt, explained, whole
@@ -17,6 +19,7 @@ from clearance.diagnosis.searching.significance import SURE
 from clearance.diagnosis.shooting.follow import EDGE
 from clearance.diagnosis.shooting.settle import settle
 from clearance.errors import InputError
+from clearance.mechanism.slider_crank import SliderCrank
 
 _STEPS = 8  # in which a stretch is fitted
 _BEGUN = (0.3, 1.0)  # of an effect's plausible size, to begin with
@@ -44,30 +47,41 @@ def rejoin_impacts(search: Search, base: Attempt) -> list[Hint]:
     r = int(np.argmax([one.sum() for one in ripped]))
     stretches, machine = islands(ripped[r] > 0.0, NEAR), base.model.machine(base.fit.values[r])
     without, _ = _refitted(search, base, r, stretches, [], np.zeros(0))
-    found: list[Hint] = []
-    for group in search.others(base):
-        hypothesis, sizes = group[0], ~group[0].shapes
+
+    def asked(hypothesis: Hypothesis) -> list[Hint]:
+        sizes, hints = ~hypothesis.shapes, list[Hint]()
         off, start = hypothesis.off[sizes], hypothesis.start[sizes]
-        if search.late():
-            break
-        if hypothesis.fault is not None or len(off) > 1 or not np.isfinite(off).all():
-            continue
         for share in _BEGUN:
             begun = hypothesis.start.copy()
             begun[sizes] = off + share * (start - off)
             try:
-                if hypothesis.structural(machine):
-                    break
                 cost, best = _refitted(search, base, r, stretches, [hypothesis], begun)
             except (InputError, np.linalg.LinAlgError):
                 continue
-            found.append(Hint((hypothesis,), best, without - cost))
+            hints.append(Hint((hypothesis,), best, without - cost))
+        return hints
+
+    chosen = [group[0] for group in search.others(base) if _plain(group[0], machine)]
+    found: list[Hint] = []
+    for first in range(0, len(chosen), search.workers):
+        if search.late():
+            break
+        with ThreadPoolExecutor(search.workers) as pool:
+            for hints in pool.map(asked, chosen[first : first + search.workers]):
+                found += hints
     found.sort(key=lambda hint: -hint.gain)
     each: dict[str, Hint] = {}
     for hint in found:
         if hint.gain > max(SURE, _HOPEFUL * found[0].gain):
             each.setdefault(hint.label, hint)
     return list(each.values())
+
+
+def _plain(hypothesis: Hypothesis, machine: SliderCrank) -> bool:
+    """Whether it is an effect of one size that begins at nothing and adds no coordinates."""
+    off = hypothesis.off[~hypothesis.shapes]
+    plain = hypothesis.fault is None and len(off) == 1 and bool(np.isfinite(off).all())
+    return plain and not hypothesis.structural(machine)
 
 
 def _refitted(

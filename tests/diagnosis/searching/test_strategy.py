@@ -80,7 +80,7 @@ def test_names_that_leave_more_than_right_ones_may_be_none_of_what_is_missing(mo
     strategy, bases = "clearance.diagnosis.searching.strategy.", []
     for name in (
         "begin_shaking", "search_all", "choose_argument", "enlarge", "sharpen", "scrutinise", "retry_nominal",
-        "confirm", "contest", "prune", "begin_inside", "place_edges",
+        "confirm", "contest", "prune", "begin_inside", "place_edges", "begin_sure",
     ):  # fmt: skip
         monkeypatch.setattr(strategy + name, lambda *_, **__: None)
     monkeypatch.setattr(strategy + "begin_elsewhere", lambda _, __, base: bases.append(base))
@@ -109,3 +109,27 @@ def test_a_nominal_machine_that_explains_with_its_gap_closed_is_asked_for_a_film
     search = SimpleNamespace(late=lambda: False, most=2)
     find_explanation(search, Explanation(nominal, agreed=("C", 9e-5)), lambda _: None)
     assert bases == ([nominal] if asked else [])
+
+
+@pytest.mark.parametrize("right", [True, False])
+def test_what_a_look_was_sure_of_is_followed_before_what_takes_longer_and_once(monkeypatch, right):
+    """A contact of a third of the stiffness hid behind friction in the joint, which left 1.31 of 1.33."""
+    strategy, asked = "clearance.diagnosis.searching.strategy.", []
+    for name in (
+        "begin_shaking", "search_all", "choose_argument", "enlarge", "sharpen", "scrutinise", "retry_nominal",
+        "confirm", "contest", "prune", "begin_inside", "place_edges", "begin_small_force",
+    ):  # fmt: skip
+        monkeypatch.setattr(strategy + name, lambda *_, **__: None)
+
+    def sure(_, explanation):
+        asked.append("sure")
+        explanation.attempts += [attempt(["contact_stiffness"], 0.98)] if right else []
+
+    monkeypatch.setattr(strategy + "begin_sure", sure)
+    monkeypatch.setattr(strategy + "begin_elsewhere", lambda *_: asked.append("elsewhere"))
+    search = SimpleNamespace(late=lambda: False, most=2)
+    explanation = Explanation(attempt([], 1.33), [attempt(["joint_friction"], 1.31)])
+    find_explanation(search, explanation, lambda _: None)
+    assert asked[0] == "sure"
+    assert asked.count("sure") == 1
+    assert ("elsewhere" in asked) == (not right)
