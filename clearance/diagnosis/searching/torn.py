@@ -21,6 +21,7 @@ from clearance.diagnosis.shooting.settle import settle
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
+_STRETCHES = 4  # that are put together anew: those that cost most
 _STEPS = 8  # in which a stretch is fitted
 _BEGUN = (0.3, 1.0)  # of an effect's plausible size, to begin with
 _HOPEFUL = 0.1  # of the best one's gain: less is no hint
@@ -45,7 +46,8 @@ def rejoin_impacts(search: Search, base: Attempt) -> list[Hint]:
     for one in ripped:
         one[:EDGE] = one[-EDGE:] = 0.0
     r = int(np.argmax([one.sum() for one in ripped]))
-    stretches, machine = islands(ripped[r] > 0.0, NEAR), base.model.machine(base.fit.values[r])
+    torn, machine = islands(ripped[r] > 0.0, NEAR), base.model.machine(base.fit.values[r])
+    stretches = sorted(torn, key=lambda ends: -ripped[r][slice(*ends)].sum())[:_STRETCHES]
     without, _ = _refitted(search, base, r, stretches, [], np.zeros(0))
 
     def asked(hypothesis: Hypothesis) -> list[Hint]:
