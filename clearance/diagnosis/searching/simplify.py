@@ -86,26 +86,14 @@ def retry_nominal(search: Search, explanation: Explanation, at_last: bool = Fals
     was lost, where what explains may as well be off, or where no linear look is sure of anything: it was only
     another way onto the path. At last any lost one is asked, and counts if it explains: beside it whatever
     found the path is asserted. Where that has other coordinates it is no beginning, but its clearance is: a
-    frame of a ton and a half explained what the nominal machine does, 0.13 mm from where it was lost. So is
-    one that explains asked at last on the path of an effect that may as well be off: a restitution of 0.696
-    had put three torn impacts together, and one of 0.900 did it as well, which is the model's.
+    frame of a ton and a half explained what the nominal machine does, 0.13 mm from where it was lost.
 
     Args:
         search: after its nominal stage.
         explanation: whose nominal machine is replaced by one that leaves less.
         at_last: whether every lost one is asked: it takes a while.
     """
-    best = explanation.best
-    _retry(search, explanation, best, at_last)
-    idle = [one for one in explanation.attempts if one is not best and one.hypotheses and _idle(one)]
-    least = min(idle, key=lambda one: one.misfit, default=None)
-    if at_last and least is not None and least.misfit < explanation.nominal.misfit:
-        _retry(search, explanation, least, False)
-
-
-def _retry(search: Search, explanation: Explanation, best: Attempt, at_last: bool) -> None:
-    """The same on the path of one attempt."""
-    nominal = explanation.nominal
+    best, nominal = explanation.best, explanation.nominal
     if not best.hypotheses or search.late():
         return
     machine = search.setting.with_clearance(SOME_CLEARANCE)

@@ -102,31 +102,6 @@ def test_a_nominal_machine_whose_path_is_torn_is_fitted_where_no_look_is_sure_of
     assert found.nominal.misfit == expected
 
 
-@pytest.mark.parametrize(
-    ("size", "at_last", "expected"), [(1e-3, True, 1.0), (1e-3, False, 1.03), (1.0, True, 1.03)]
-)
-def test_a_nominal_machine_that_explains_is_fitted_at_last_where_an_idle_effect_put_impacts_together(
-    monkeypatch, size, at_last, expected
-):
-    """One fit of a restitution left as little as another, with a size that may as well be off."""
-    monkeypatch.setattr(simplify, "deviations", lambda fit: np.array([1e-6, 0.1]))
-    best, idle = fitted(["restitution"], 0.999), fitted(["restitution"], 1.0)
-    idle.fit.values = np.array([[3e-4, size, 700.0]])
-    explanation = Explanation(fitted([], 1.03), [best, idle], [SimpleNamespace(gain=80.0)])
-    left = {1.0: 1.03, size: 1.0 if size < 1.0 else 1.03}
-
-    def led_back(one, workers):
-        return one, one.fit.values[:, [0, -1]]
-
-    monkeypatch.setattr(simplify, "_led_back", led_back)
-    monkeypatch.setattr(
-        simplify, "refine", lambda held, model, one, *_: fitted([], left[one.fit.values[0, 1]])
-    )
-    monkeypatch.setattr(simplify, "screen", lambda *_: SimpleNamespace(singles=[]))
-    retry_nominal(Recorder({}), explanation, at_last)
-    assert explanation.nominal.misfit == expected
-
-
 def variant(*names):
     unknowns = tuple(SimpleNamespace(name=name, low=-1e6, high=1e6) for name in names)
     return SimpleNamespace(
