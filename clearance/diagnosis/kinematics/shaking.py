@@ -10,6 +10,7 @@ variable filters).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.optimize import minimize
@@ -38,6 +39,7 @@ _SHOWN = 5.0  # times the noise: what the sensors at A feel of a frame that move
 KNOTS = 48
 """Over the period of a force that shakes the frame."""
 _TRIED = 40  # rhythms for each recording
+_HARDLY = 0.9  # of the variance: a table that leaves more before its rhythm is sharpened is none
 _CORNER = 100.0  # rad/s, of the filter
 _SETTLED = 6.0  # times its time constant, after which it has forgotten how the recording began
 
@@ -165,10 +167,14 @@ def _repeating(
         rows = []
         for time, clock in zip(times, clocks, strict=True):
             own = shares((time + clock) / period * KNOTS, KNOTS, True, between)
-            columns = [filtered(column, 0, rate) for column in own.T]
-            rows.append(np.stack([*columns, np.ones(len(columns[0]))], axis=1))
+            columns = filtered(own, 0, rate)
+            rows.append(np.column_stack([columns, np.ones(len(columns))]))
         return np.concatenate(rows)  # the last column: of its weight on the spring a frame leaves a constant
 
+    columns = over(rhythm.period, rhythm.clocks)
+    left = force - columns @ regressed(columns, force, scatter)
+    if left.var() > _HARDLY * force.var():  # no flank of a jump that is met later gives so much
+        return None
     rhythm = _sharper(rhythm, over, force, scatter, max(float(time[-1]) for time in times), rate)
     either = list[tuple[float, str, np.ndarray, np.ndarray]]()
     for between in ("linear", "cubic"):  # where it jumps, or where it is smooth
@@ -284,7 +290,12 @@ def felt(one: Measured, place: str, angle: np.ndarray) -> np.ndarray:
 
 
 def filtered(signal: np.ndarray, integrals: int, rate: float) -> np.ndarray:
-    """(samples,) of a signal and some integrals, high-pass filtered alike, once its begin is forgotten."""
+    """(samples, ...) of a signal and some integrals, high-pass filtered, once its begin is forgotten."""
+    return lfilter(*_high_pass(integrals, rate), signal, axis=0)[round(_SETTLED / _CORNER * rate) :]
+
+
+@cache
+def _high_pass(integrals: int, rate: float) -> tuple[np.ndarray, np.ndarray]:
     below = np.polymul([1.0, _CORNER], [1.0, _CORNER])
-    above = [1.0, *[0.0] * (2 - integrals)]
-    return lfilter(*bilinear(above, below, rate), signal)[round(_SETTLED / _CORNER * rate) :]
+    above, below = bilinear([1.0, *[0.0] * (2 - integrals)], below, rate)
+    return above, below
