@@ -41,11 +41,7 @@ class Ladder:
 
     def __init__(self, hypothesis: Hypothesis, ask: Callable[[float], Mapping[str, float]]) -> None:
         """Nothing is asked yet; ``ask`` gives what is left by sensor set, infinite where nothing follows."""
-        unknown, start = hypothesis.unknowns[0], float(hypothesis.start[0])
-        weaker = 2.0 if np.isinf(hypothesis.off[0]) else 0.5
-        strongest = start / _STRONGER if weaker > 1.0 else start * _STRONGER
-        sizes = strongest * weaker ** np.arange(_RUNGS)
-        self.sizes = sizes[(sizes > unknown.low) & (sizes < unknown.high)]
+        self.sizes = ladder_of(hypothesis)
         self.left: dict[int, Mapping[str, float]] = {}
         self._ask = ask
 
@@ -79,6 +75,16 @@ class Ladder:
         most, least = np.log(np.clip([left[unseen - 1], left[unseen]], 1e-6, 1e6))
         share = (most - np.log(LEFT)) / (most - least)
         return float(strong * (weak / strong) ** share)
+
+
+def ladder_of(hypothesis: Hypothesis) -> np.ndarray:
+    """(rungs,) sizes of an effect's first parameter within its bounds, from strong to weak."""
+    unknown, start = hypothesis.unknowns[0], float(hypothesis.start[0])
+    weaker = 2.0 if np.isinf(hypothesis.off[0]) else 0.5
+    strongest = start / _STRONGER if weaker > 1.0 else start * _STRONGER
+    sizes = strongest * weaker ** np.arange(_RUNGS)
+    within: np.ndarray = sizes[(sizes > unknown.low) & (sizes < unknown.high)]
+    return within
 
 
 def left_by_sensor_set(
@@ -153,6 +159,11 @@ def rungs(effect: Effect, signals: np.ndarray) -> list[Fault]:
     if effect.free[0].path == "saturation":
         return [Fault(effect, np.maximum(share * largest, effect.free[0].bounds[0])) for share in _CLIPPED]
     return [Fault(effect, np.full(len(largest), value)) for value in _RESONANCES]
+
+
+def weakest(effect: Effect) -> float | None:
+    """The weakest value that is asked of a fault which is off at infinity; ``None``: it is the signals'."""
+    return None if effect.free[0].path == "saturation" else _RESONANCES[-1]
 
 
 def highest(faults: Sequence[Fault], errors: np.ndarray) -> float | None:

@@ -33,9 +33,11 @@ from clearance.diagnosis.judging.detectability import (
 from clearance.diagnosis.judging.finite_sizes import (
     Ladder,
     highest,
+    ladder_of,
     left_by_sensor_set,
     limits_of_sensors,
     rungs,
+    weakest,
     without_derivative,
 )
 from clearance.diagnosis.sensing.restoration import STILL
@@ -81,7 +83,8 @@ def detectability_map(
     Returns:
         As the report takes it: ``effects``, each with ``size`` by sensor set, (clearances, speeds); smaller
         than that it cannot be seen, or larger where ``seen`` is ``below``. What is ``of`` the machine's
-        ``structure`` adds coordinates; its size does not fall with a recording's length.
+        ``structure`` adds coordinates; its size does not fall with a recording's length. ``weakest`` is the
+        last that was asked, where that is an end: what is seen there may be seen beyond it.
     """
     machine = setting.with_clearance(clearances[0])
     groups = gather(effects, machine, setting.joint, ())
@@ -89,8 +92,8 @@ def detectability_map(
     faults = [fault.effect for fault in faults_of_sensors(effects)] + limits_of_sensors(effects)
     entries = [
         *(_told(one.effect, "machine") for one in smooth if one.effect),
-        *(_told(one.effect, "structure") for one in finite if one.effect),
-        *(_told(one, "sensor") for one in faults),
+        *(_of_structure(one) for one in finite),
+        *(_told(one, "sensor", weakest(one) if one.free[0].off == np.inf else None) for one in faults),
     ]
     with ThreadPoolExecutor() as pool:
         each = pool.map(
@@ -107,11 +110,23 @@ def detectability_map(
     }  # fmt: skip
 
 
-def _told(effect: Effect, of: str) -> dict[str, Any]:
-    """An entry of the map without its sizes; ``of``: what it is an effect of."""
+def _told(effect: Effect, of: str, end: float | None = None) -> dict[str, Any]:
+    """An entry of the map without its sizes; ``of``: what it is an effect of; ``end``: the weakest asked."""
     first = effect.free[0]
     seen = "below" if first.off == np.inf else "above"
-    return {"name": effect.name, "parameter": first.name, "unit": first.unit, "of": of, "seen": seen}
+    told = {"name": effect.name, "parameter": first.name, "unit": first.unit, "of": of, "seen": seen}
+    return told if end is None else {**told, "weakest": rounded(end)}
+
+
+def _of_structure(hypothesis: Hypothesis) -> dict[str, Any]:
+    """An entry of what adds coordinates, with the shape that it has at every size."""
+    assert hypothesis.effect is not None
+    shape = [
+        {"name": one.name, "value": float(value), "unit": one.unit}
+        for one, value in zip(hypothesis.effect.free, hypothesis.start, strict=True)
+        if one.shape
+    ]
+    return {**_told(hypothesis.effect, "structure", float(ladder_of(hypothesis)[-1])), "shape": shape}
 
 
 def _row(

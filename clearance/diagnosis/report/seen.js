@@ -41,9 +41,11 @@ function sizeMap(box, map, here, effects, sets) {
     const cell = (r, c) => {
       const value = list(sizes[r])[c], mark = isHere(r, c) ? { class: "here", "aria-label": "nearest to these recordings" } : {};
       if (!isNumber(value)) return fill(unseen(), isHere(r, c) ? { class: "right unseen here" } : {}, []);
-      return h("td", { ...mark, class: `right d${shade(value)} ${mark.class ?? ""}` }, number(["detectability", "effects", index, "size", sensors, r, c], { source: "evidence", digits: 2 }));
+      const end = value === effect.weakest ? `at ${below ? "least" : "most"} ` : "";
+      return h("td", { ...mark, class: `right d${shade(value)} ${mark.class ?? ""}` }, end, number(["detectability", "effects", index, "size", sensors, r, c], { source: "evidence", digits: 2 }));
     };
-    stage.replaceChildren(h("p", { class: "small-head" }, `${below ? "Highest" : "Smallest"} ${unitOf(effect)}${effect.of === "sensor" ? ", in the sensor that shows it least" : ""}`),
+    const shaped = list(effect.shape).map((one) => `, ${words(one.name)} ${text(one.value)}${unitText(one.unit) ? ` ${unitText(one.unit)}` : ""}`).join("");
+    stage.replaceChildren(h("p", { class: "small-head" }, `${below ? "Highest" : "Smallest"} ${unitOf(effect)}${shaped}${effect.of === "sensor" ? ", in the sensor that shows it least" : ""}`),
       h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `${below ? "Highest" : "Smallest"} ${unitOf(effect)} of ${words(effect.name)}, by clearance and speed` }, h("table", { class: "map" },
         h("thead", {}, h("tr", {}, h("th", {}, "Clearance"), map.speed_rpm.map((_, c) => h("th", { class: "right" }, h("span", {}, number(["detectability", "speed_rpm", c], { source: "evidence" }), " rpm"))))),
         h("tbody", {}, map.clearance_m.map((_, r) => h("tr", {}, h("th", { scope: "row" }, number(["detectability", "clearance_m", r], { source: "evidence", scale: 1000 }), " mm"), map.speed_rpm.map((_, c) => cell(r, c))))))),

@@ -72,6 +72,10 @@ def test_the_stored_map_is_complete_and_knows_where_a_recording_lies(joint):
     assert nominal_map(setting, 3e-4, 700.0, ["slider_position"], [])["here"]["sensors"] is None
     names = {effect["name"] for effect in stored["effects"]}
     assert names == {effect.name for effect in load_effects("all", [])}
+    ends = {effect["name"]: effect["weakest"] for effect in stored["effects"] if "weakest" in effect}
+    assert set(ends) == {
+        "second_clearance", "guide_clearance", "rod_flexibility", "flexible_base", "sensor_resonance",
+    }  # fmt: skip
     for effect in stored["effects"]:
         for name in stored["sensor_sets"]:
             assert np.shape(effect["size"][name]) == (len(CLEARANCES), len(SPEEDS))

@@ -422,6 +422,12 @@ def _detectability():
         for name, parameter, unit, size in rows
     ]  # fmt: skip
     effects[3]["size"]["all"][2][1] = 0.04
+    effects.append({
+        "name": "rod_flexibility", "parameter": "frequency", "unit": "Hz", "of": "structure", "seen": "below",
+        "weakest": 19200.0, "shape": [{"name": "damping_ratio", "value": 0.01, "unit": "-"}],
+        "size": {"all": (3000.0 * grid).tolist(), "rod": (2000.0 * grid).tolist()},
+    })  # fmt: skip
+    effects[4]["size"]["all"][0][0] = 19200.0
     return {
         "joint": "C", "noise": 0.01, "seconds": 1.0, "clearance_m": clearances, "speed_rpm": speeds,
         "sensor_sets": {"all": list(CHANNELS), "rod": list(CHANNELS[2:6])}, "effects": effects,

@@ -185,6 +185,22 @@ def test_the_map_marks_the_present_recording_and_says_cannot_be_seen_here(show, 
     assert page.run("document.documentElement.scrollWidth") <= window.get("width", 1280)
 
 
+def test_of_what_is_off_at_infinity_the_highest_value_that_is_seen_is_told(show):
+    page = show(*EXAMPLES["physics"]())
+    choose(page, ".detectability select", 4)  # a rod that bends
+    words = page.run("document.querySelector('.detectability').innerText")
+    assert "Highest frequency [Hz], damping ratio 0.01" in words
+    assert "higher values can be seen" in words
+    assert "root of a recording's length" not in words
+    cells = page.every(".detectability td", "one.innerText")
+    assert cells[0].startswith("at least 19")  # no weaker one was asked
+    assert not any(cell.startswith("at ") for cell in cells[1:])
+    shades = page.every(".detectability td", "one.className")
+    assert "d4" in shades[0]  # the strongest colour
+    choose(page, ".detectability select", 0)
+    assert "Smallest coulomb force [N]" in page.run("document.querySelector('.detectability').innerText")
+
+
 def test_the_stored_map_is_drawn(show):
     diagnosis, _ = EXAMPLES["physics"]()
     stored = nominal_map(Setting(SliderCrank(), "C"), 3e-4, -705.0, CHANNELS, [])
