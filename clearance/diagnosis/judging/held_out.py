@@ -21,7 +21,7 @@ from clearance.diagnosis.searching.balance import find_clock
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.geometry import LOOSE_GUIDE
 from clearance.diagnosis.searching.search import PATIENCE, Search
-from clearance.diagnosis.searching.significance import SURE
+from clearance.diagnosis.searching.significance import SURE, suspicious
 from clearance.diagnosis.sensing.measured import Measured
 from clearance.diagnosis.shooting.fit import Fit
 from clearance.diagnosis.shooting.follow import alike
@@ -30,6 +30,9 @@ from clearance.errors import InputError
 from clearance.mechanism.applied_force import NoForce, TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
 
+_IMPACTS = (
+    300.0  # fall of the cost: impacts that a machine lacking nothing has torn brought 160, right effects 494
+)
 _TRIFLE = 1.002  # times that error, where impacts speak against it
 _HARMED = 0.99  # of the held-out error with it: what leaves less without was harmed by it
 
@@ -83,7 +86,8 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
     explain what was fitted must be better there, not as good. What shows in impacts alone, as a contact's
     stiffness does, lowers the cost, of which they are a part, and not the errors of the quieter segments.
     What raises it by more than chance must lower these errors by more than a trifle: a restitution that put
-    three torn impacts together where nothing was missing lowered them by 0.04 %.
+    three torn impacts together where nothing was missing lowered them by 0.04 %. Physics beside a nominal
+    machine in which no look sees anything unusual shows in impacts alone: what these say of it counts.
     """
     withdrawn: list[str] = []
     followed: list[tuple[Fit, Attempt]] = []  # on recordings without a clock: every round asks the same
@@ -118,6 +122,8 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
                 most = root_mean_square(errors_after) * (1.0 if explained(one) else _HARMED)
                 most *= _TRIFLE if likelier(alone, after) > SURE else 1.0
                 as_well = root_mean_square(errors) <= most and not likelier(after, alone) > SURE
+                if one is nominal and _by_impacts(explanation):
+                    as_well = not likelier(after, alone) > _IMPACTS
                 if explained(alone) and whole and as_well:
                     enough = one
                     break
@@ -131,6 +137,12 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
             # there is no time to judge others, and what is not judged is not asserted
             attempt.withdrawn |= more or (search.late() and attempt is not enough)
         ask(search, explanation)
+
+
+def _by_impacts(explanation: Explanation) -> bool:
+    """Whether physics was found beside a nominal machine that looks as one does which lacks nothing."""
+    physics = all(hypothesis.kind == "physics" for hypothesis in explanation.best.hypotheses)
+    return physics and explained(explanation.nominal) and not suspicious(explanation)
 
 
 def likelier(one: Attempt, other: Attempt) -> float:
