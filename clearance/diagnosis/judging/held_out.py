@@ -30,9 +30,7 @@ from clearance.errors import InputError
 from clearance.mechanism.applied_force import NoForce, TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
 
-_IMPACTS = (
-    300.0  # fall of the cost: impacts that a machine lacking nothing has torn brought 160, right effects 494
-)
+_IMPACTS = 300.0  # fall of the cost: torn impacts alone brought 160 where nothing was missing, effects 494
 _TRIFLE = 1.002  # times that error, where impacts speak against it
 _HARMED = 0.99  # of the held-out error with it: what leaves less without was harmed by it
 
@@ -120,10 +118,11 @@ def judge(held_out: Sequence[Measured], search: Search, explanation: Explanation
                 errors = innovations(alone, joint, after)
                 whole = min(alone.shares, default=1.0) == 1.0
                 most = root_mean_square(errors_after) * (1.0 if explained(one) else _HARMED)
-                most *= _TRIFLE if likelier(alone, after) > SURE else 1.0
-                as_well = root_mean_square(errors) <= most and not likelier(after, alone) > SURE
-                if one is nominal and _by_impacts(explanation):
-                    as_well = not likelier(after, alone) > _IMPACTS
+                gain = likelier(after, alone)
+                most *= _TRIFLE if gain < -SURE else 1.0
+                as_well = root_mean_square(errors) <= most and not gain > SURE
+                if one is nominal and gain != 0.0 and _by_impacts(explanation):
+                    as_well = not gain > _IMPACTS
                 if explained(alone) and whole and as_well:
                     enough = one
                     break

@@ -47,6 +47,7 @@ def test_a_machine_without_a_table_is_looked_for_in_every_recording():
         (1.3, {"nominal": 1.01, "gravity": 1.0}, -930.0, False),
         (1.03, {"nominal": 1.006, "gravity": 0.991}, 160.0, True),  # where nothing looks unusual
         (1.03, {"nominal": 1.006, "gravity": 0.991}, 494.0, False),
+        (1.03, {"nominal": 1.006, "gravity": 0.991}, 0.0, False),  # on other stretches: not to be compared
         (1.3, {"nominal": 1.0, "gravity": 1.0}, 31.0, True),  # by chance: as on a machine that lacks nothing
         (50.0, {"nominal": 0.7, "gravity": 1.0}, 0.0, False),  # the nominal machine's path was lost
     ],
