@@ -18,6 +18,7 @@ from clearance.diagnosis.searching.significance import cushioned, incomplete, un
 from clearance.diagnosis.searching.simplify import enlarge, prune, retry_nominal
 from clearance.diagnosis.searching.small_force import begin_small_force
 from clearance.diagnosis.searching.tables import sharpen
+from clearance.diagnosis.searching.turned import fit_twins
 
 _BODIES = ("crank", "rod", "slider")  # on which effects that no linear look can judge may do the same
 
@@ -37,7 +38,7 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
     own. What was put together is followed anew. A named force must stand against one of free form in its
     place, and again where it is left alone by pruning what is not needed. A nominal machine that explains is
     fitted on the path of what explains more, and at last one that was lost. Of what a force without a name is
-    a function is asked last.
+    a function is asked last, and whether a sensor that shows too little may be turned.
 
     Args:
         search: after its nominal stage.
@@ -88,3 +89,4 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
         contest(search, explanation)
     retry_nominal(search, explanation, at_last=True)
     choose_argument(search, explanation)
+    fit_twins(search, explanation)
