@@ -53,7 +53,7 @@ type: $(READY)   ## static types
 arch: $(READY)   ## layers: nothing imports upward
 	$(BIN)/lint-imports --no-cache
 
-detectability: $(READY)  ## compute again which sizes of effects sensors can show (minutes)
+detectability: $(READY)  ## compute again which sizes of effects sensors can show (half an hour)
 	$(BIN)/python -c 'from clearance.diagnosis.judging.nominal_map import write_nominal_map; write_nominal_map()'
 
 bench: $(READY)  ## measure the simulator, beside Exudyn where it is installed (pip install '.[exudyn]')

@@ -55,7 +55,7 @@ _MACHINES = {"B": SliderCrank(joint_b=Joint(SOME_CLEARANCE)), "C": SliderCrank(j
 
 
 def write_nominal_map() -> None:
-    """Compute the maps of both joints, with the paper's sets of sensors, in about an hour."""
+    """Compute the maps of both joints, with the paper's sets of sensors, in half an hour."""
     effects, sensor_sets = load_effects("all", []), _sensor_sets()
     maps = {
         joint: detectability_map(Setting(machine, joint), effects, CLEARANCES, SPEEDS, sensor_sets)
