@@ -51,6 +51,7 @@ CLEARANCES = (5e-5, 1e-4, 2e-4, 3e-4, 5e-4, 8e-4)  # m
 SPEEDS = (500.0, 600.0, 700.0, 800.0, 900.0, 1000.0)  # rpm
 _SETS = ("all", "crank", "no_crank", "no_rod", "no_slider", "rod")  # options of sensors; the paper's Table 9
 _STORED = "nominal_map.json"
+_BEGUN = 4  # rung of a ladder that is asked first at the first speed
 _MACHINES = {"B": SliderCrank(joint_b=Joint(SOME_CLEARANCE)), "C": SliderCrank(joint_c=Joint(SOME_CLEARANCE))}
 
 
@@ -139,7 +140,7 @@ def _row(
     sensor_sets: Sequence[SensorSet],
 ) -> list[dict[str, list[float | None]]]:
     """At each speed, by sensor set, all sizes: of ``smooth``, of ``finite``, and of faults of sensors."""
-    begin = dict.fromkeys((one.name for one in finite), 4)
+    begin = dict.fromkeys((one.name for one in finite), _BEGUN)
     row = []
     for speed in speeds:
         found = _linear(setting, smooth, effects, clearance, speed, sensor_sets)

@@ -26,7 +26,6 @@ _APART, _CLOSER, _NEAR = (
 )  # steps of frequency, over one turn in the longest recording; to each side
 _SLOWER, _BETTER = (2, 3), 0.7  # the period may be so many times the one found, where it leaves that share
 _TURNS = 240  # places in a period at which series are compared
-_NOTHING = 1e-12  # of a column's square
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class _Left:
 
     Attributes:
         time: (segments,) [s].
-        turn: (segments,) of the crank, as a complex number of size 1.
+        turned: (segments,) crank angle [rad].
         speed: of the crank [rad/s].
         along: (2,) masses that move along with the frame, in x and in y [kg].
         unknown: (segments, 6) orthonormal: how the frame was let go, gravity.
@@ -43,7 +42,7 @@ class _Left:
     """
 
     time: np.ndarray
-    turn: np.ndarray
+    turned: np.ndarray
     speed: float
     along: np.ndarray
     unknown: np.ndarray
@@ -64,8 +63,7 @@ class _Left:
         known, _ = np.linalg.qr(mean(unknown))
         left = mean(rest)[:, 0]
         left -= known @ (known.T @ left)
-        turn = np.exp(1j * (angle + speed * middle))
-        return _Left(middle, turn, speed, swaying.along, known, left)
+        return _Left(middle, angle + speed * middle, speed, swaying.along, known, left)
 
     def series(
         self, frame: FlexibleFrame, frequency: float, harmonics: int, way: int
@@ -81,25 +79,20 @@ class _Left:
         omega, mass = 2.0 * np.pi * frame.frequency, frame.mass
         springs = mass * omega * (2j * frame.damping_ratio * v + omega)
         answer = -(v**2) / (springs - (mass + self.along[way]) * v**2)
-        first = np.exp(2j * np.pi * frequency * self.time)
-        wave = np.multiply.accumulate(np.broadcast_to(first, (len(v), len(first))), axis=0)
+        wave, turn = np.exp(1j * np.outer(self.time, v)), np.exp(1j * self.turned)[:, None]
 
         def seen(w: np.ndarray) -> np.ndarray:
-            answered: np.ndarray = 0.5 * answer * smoothed(w) * np.sinc(w * mean / (2.0 * np.pi))
+            answered: np.ndarray = smoothed(w) * np.sinc(w * mean / (2.0 * np.pi))
             return answered
 
-        faster = ((v + 3.0 * self.speed) * seen(v + self.speed))[:, None] * self.turn
-        slower = ((v - 3.0 * self.speed) * seen(v - self.speed))[:, None] * self.turn.conj()
-        tie = wave * (1j * (faster + slower) if way == 0 else faster - slower)
-        columns = np.concatenate([tie.real, -tie.imag])
-        size = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)
-        columns /= size[:, None]
-        known = columns @ self.unknown
-        products, told = columns @ columns.T - known @ known.T, columns @ self.rest
-        products.flat[:: len(products) + 1] += _NOTHING  # what nothing is known of stays at zero
-        parts = np.linalg.solve(products, told)
-        cost = float(self.rest @ self.rest - parts @ (2.0 * told - products @ parts))
-        parts, count = parts / size, len(v)
+        faster = (v + 3.0 * self.speed) * seen(v + self.speed) * wave * turn
+        slower = (v - 3.0 * self.speed) * seen(v - self.speed) * wave / turn
+        tie = 0.5 * answer * (1j * (faster + slower) if way == 0 else faster - slower)
+        columns = np.hstack([tie.real, -tie.imag])
+        columns -= self.unknown @ (self.unknown.T @ columns)
+        parts = np.linalg.lstsq(columns, self.rest, rcond=None)[0]
+        cost = float(np.sum((self.rest - columns @ parts) ** 2))
+        count = len(v)
         return np.pad(parts[:count] + 1j * parts[count:], (0, harmonics - count)), cost
 
 
