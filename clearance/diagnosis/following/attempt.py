@@ -11,6 +11,7 @@ from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.shooting.fit import Fit, fit
 from clearance.diagnosis.shooting.follow import EDGE, TIGHT, Follower
 from clearance.diagnosis.shooting.model import Model
+from clearance.diagnosis.side_by_side import side_by_side
 from clearance.simulation.integrator import Integrator
 
 ANNEALING = (100.0, 31.6, 10.0, 3.16, 1.0)  # factors on the noise while a guess is far from a solution
@@ -115,7 +116,7 @@ def refine(
         if patient and best is not None and level > EXPLAINED:
             # a good model often needs a second look, and impacts that were torn apart put together again
             for _ in range(_LOOKS):
-                if not mend_torn(own, model, found):
+                if not mend_torn(own, model, found, workers):
                     break
                 again = fit(own, model, found.values, iterations, 1e-2, workers, scale=s)
                 improved = again.level < 0.9 * level
@@ -155,7 +156,7 @@ def _polished(attempt: Attempt, workers: int) -> Attempt:
             rows = attempt.fit.passes[0].residual[0].size
             torn, lost = attempt.level * (1.0 + _CHANCE * np.sqrt(2.0 / rows)), _LOST
         before, kept = attempt.fit, [(f.path.copy(), f.measured) for f in attempt.followers]
-        if not mend_torn(attempt.followers, attempt.model, before, torn, lost):
+        if not mend_torn(attempt.followers, attempt.model, before, workers, torn, lost):
             break
         _settle_down(attempt, workers)
         gained = before.cost - attempt.fit.cost
@@ -175,7 +176,12 @@ def _settle_down(attempt: Attempt, workers: int) -> None:
 
 
 def mend_torn(
-    followers: Sequence[Follower], model: Model, found: Fit, torn: float = _TORN, lost: float = np.inf
+    followers: Sequence[Follower],
+    model: Model,
+    found: Fit,
+    workers: int,
+    torn: float = _TORN,
+    lost: float = np.inf,
 ) -> bool:
     """Fit each stretch that is not followed on its own, if these are few.
 
@@ -183,20 +189,23 @@ def mend_torn(
         followers: with the paths of the fit; changed.
         model: that was fitted.
         found: the fit.
+        workers: threads.
         torn: cost a sample of a segment that is not followed.
         lost: cost a sample of a segment from which on the path is looked for.
 
     Returns:
         Whether there was one.
     """
-    some = False
-    for r, (follower, one) in enumerate(zip(followers, found.passes, strict=True)):
-        apart = one.local > torn * one.residual[0].size
-        if 0.0 < apart.mean() < _MANY:
-            some, sought = True, lost if apart.mean() < _FEW else np.inf
-            for first, last in islands(apart, NEAR):
-                mend(follower, model.held(found.values[r]), first, last, sought)
-    return some
+    apart = [one.local > torn * one.residual[0].size for one in found.passes]
+    some = [r for r, mask in enumerate(apart) if 0.0 < mask.mean() < _MANY]
+
+    def mended(r: int) -> None:
+        sought = lost if apart[r].mean() < _FEW else np.inf
+        for first, last in islands(apart[r], NEAR):
+            mend(followers[r], model.held(found.values[r]), first, last, sought)
+
+    side_by_side(mended, some, workers, [float(apart[r].sum()) for r in some])
+    return bool(some)
 
 
 def tightened(followers: Sequence[Follower]) -> list[Follower]:

@@ -9,14 +9,13 @@ that a clearance wrong by a tenth is right before it can lead astray.
 Reference: moving-horizon estimation, Rao, Rawlings & Mayne 2003, IEEE Trans. Autom. Control 48(2), 246-258.
 """
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from clearance.diagnosis.following.attempt import ANNEALING, FOLLOWED, tightened
-from clearance.diagnosis.following.horizon import AHEAD, advance
+from clearance.diagnosis.following.horizon import AHEAD, Patience, advance
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.shooting.fit import Fit, fit
 from clearance.diagnosis.shooting.follow import EDGE, Follower
@@ -25,15 +24,15 @@ from clearance.diagnosis.shooting.settle import Settled, settle
 
 ISLAND = 6  # segments that must all be followed well where the path is sure
 _EDGES = EDGE + 1  # segments at the ends that cannot be judged
-_CANDIDATES, _PROBED = 4, 14  # islands that are tried, and steps from each
+ISLANDS = 4  # that are tried
+_PROBED = 14  # steps from each
 _LOST = 5.0  # doubt from which on steps without unknown forces have not come to follow
 BEFORE, AFTER = 2, 3
 """Segments around them that are followed first."""
 _FIRST_FIT = 8  # steps before the parameters are fitted; then whenever their number has doubled
 _SETTLING = 48  # steps from which on each recording's own unknowns are fitted as well
 _JUDGED = 32  # steps before a model may be given up
-_HOPES, _PATIENT = 4, 12  # times that a lost path is looked for in vain between two fits
-TORN = 3.0  # cost a sample of a segment that is not followed
+_HOPES, _PATIENT = 4, 12  # segments at which a path may be lost, and is looked for, between two fits
 _NOTHING = np.zeros((1, 0))
 Followed = tuple[Follower, np.ndarray, float]
 """One recording's follower, the (unknowns,) values and the misfit."""
@@ -56,29 +55,34 @@ class Start:
     doubt: float
 
     @staticmethod
-    def of(trace: Trace, model: Model, looseness: float, patience: int = 0) -> "Start":
+    def of(
+        trace: Trace, model: Model, looseness: float, patience: int = 0, islands: int = ISLANDS
+    ) -> "Start":
         """Smooth the path with unknown forces and see where that succeeds best.
 
         Args:
             trace: of the recording.
             model: without unknowns.
             looseness: unknown forces over the joint's typical one.
-            patience: times that the path is looked for in vain where no island is followed from.
+            patience: segments at which the path may be lost, and is looked for, where no island is followed
+                from.
+            islands: that are tried, the surest ones.
         """
-        follower, islands = _smoothed(trace, model, looseness)
+        follower, places = _smoothed(trace, model, looseness)
         tried: list[Start] = []
-        for island in islands[:_CANDIDATES]:
-            tried.append(_locked(trace, follower, model, island, 0)[0])
+        for island in places[:islands]:
+            tried.append(_locked(trace, follower, model, island, Patience(0)))
             if tried[-1].doubt < FOLLOWED:
                 break
+        hopes = Patience(patience)
         for start in sorted(tried, key=lambda start: start.doubt):
-            if patience <= 0 or min(one.doubt for one in tried) < FOLLOWED:
+            if not hopes.left or min(one.doubt for one in tried) < FOLLOWED:
                 break
-            other, patience = _locked(trace, follower, model, start.island, patience)
-            tried.append(other)
+            hopes.follow()
+            tried.append(_locked(trace, follower, model, start.island, hopes))
         best = min(tried, key=lambda start: start.doubt, default=None)
         if best is None or best.doubt > _LOST:  # physics is missing: better the path with unknown forces
-            surest = islands[0] if islands else _EDGES
+            surest = places[0] if places else _EDGES
             return Start(trace, follower, surest, np.inf if best is None else best.doubt)
         return best
 
@@ -86,7 +90,7 @@ class Start:
     def several(trace: Trace, model: Model, looseness: float, count: int) -> "list[Start]":
         """From each of the ``count`` surest islands, the least doubtful one first; as of ``of``."""
         follower, islands = _smoothed(trace, model, looseness)
-        tried = [_locked(trace, follower, model, island, 0)[0] for island in islands[:count]]
+        tried = [_locked(trace, follower, model, island, Patience(0)) for island in islands[:count]]
         return sorted(tried, key=lambda start: start.doubt)
 
     def without(self, channel: str) -> "Start":
@@ -130,11 +134,10 @@ def grow(
     end = min(first + (most or start.trace.length), follower.segments)
     rows = values[None].copy()
     found, steps, due = None, 0, _FIRST_FIT
-    hopes = _PATIENT if patient else _HOPES if start.doubt < FOLLOWED else 0
+    hopes = Patience(_PATIENT if patient else _HOPES if start.doubt < FOLLOWED else 0, until)
     segment = start.island + ISLAND + AFTER - AHEAD
     while segment < end:
-        hopeful = hopes > 0 and time.monotonic() < until
-        hopes -= not advance(follower, held, segment, end, TORN if hopeful else np.inf, first)
+        advance(follower, held, segment, end, hopes, first)
         segment += 1
         steps += 1
         if steps < due and (segment < end or found is not None):
@@ -148,7 +151,7 @@ def grow(
         rows[:, kept] = found.values
         held = model.held(rows[0])
         # a path is looked for where a model that is right so far loses it, not where physics is missing
-        hopes = _PATIENT if patient else _HOPES if found.level * scale**2 < FOLLOWED else 0
+        hopes = Patience(_PATIENT if patient else _HOPES if found.level * scale**2 < FOLLOWED else 0, until)
         if steps >= (_FIRST_FIT if patient else _JUDGED) and found.level * scale**2 > limit:
             return None
     assert found is not None
@@ -184,23 +187,18 @@ def landed(follower: Follower, model: Model, island: int) -> Follower:
     return own
 
 
-def _locked(trace: Trace, follower: Follower, model: Model, island: int, patience: int) -> tuple[Start, int]:
-    """Where a path from an island has come to follow, and what is left of the patience.
-
-    It does so within some steps even from a wrong one, or is looked for.
-    """
+def _locked(trace: Trace, follower: Follower, model: Model, island: int, patience: Patience) -> Start:
+    """Where a path from an island has come to follow: within some steps even from a wrong one, or sought."""
     own = landed(follower, model, island)
     first = island + ISLAND + AFTER - AHEAD
     for segment in range(first, min(first + _PROBED, own.segments - AHEAD)):
-        patience -= not advance(
-            own, model, segment, own.segments, TORN if patience > 0 else np.inf, island - BEFORE
-        )  # fmt: skip
+        advance(own, model, segment, own.segments, patience, island - BEFORE)
     last = min(first + _PROBED + AHEAD, own.segments)
     found = settle([own], model, _NOTHING, 0, first=island - BEFORE, last=last)
     each = found.passes[0].each[: -AHEAD - 1]
     worst = [each[i : i + ISLAND].max() for i in range(BEFORE, len(each) - ISLAND + 1)]
     own.input_sigma = follower.input_sigma
-    return Start(trace, own, island + int(np.argmin(worst)), float(min(worst))), patience
+    return Start(trace, own, island + int(np.argmin(worst)), float(min(worst)))
 
 
 def _fitted(

@@ -3,7 +3,9 @@
 Reference: moving-horizon estimation, Rao, Rawlings & Mayne 2003, IEEE Trans. Autom. Control 48(2), 246-258.
 """
 
+import time
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,12 +20,57 @@ _CORRECTIONS = 3  # iterations of that
 _ENOUGH = 1.05  # cost a sample at which a step is good
 _GOAL = 1.2  # cost a sample of a stretch that is followed
 _KNOWN = 1e-3  # factor on the doubt of a node that stays where it is
+TORN = 3.0  # cost a sample of a segment that is not followed
 _NOTHING = np.zeros((1, 0))
 
 
+@dataclass
+class Patience:
+    """How long a lost path is looked for.
+
+    Where it was not found, a segment more seldom tells where it went (3 of 150 looks that followed another
+    did): after each look in vain twice as many segments go by, and one, before the next.
+
+    Attributes:
+        lost: segments at which the path may be lost, until it is not looked for any more.
+        until: when ``time.monotonic`` says that, it is not looked for either.
+        limit: cost a sample of a segment from which on a path is lost.
+    """
+
+    lost: int
+    until: float = np.inf
+    limit: float = TORN
+    _vain: int = field(default=0, init=False)
+    _pause: int = field(default=0, init=False)
+
+    @property
+    def left(self) -> bool:
+        """Whether a path is looked for at all."""
+        return self.lost > 0 and time.monotonic() < self.until
+
+    def follow(self) -> None:
+        """Nothing is lost at a segment."""
+        self._vain = self._pause = 0
+
+    def look(self) -> bool:
+        """The path is lost at a segment; whether it is worth a look."""
+        self.lost -= 1
+        if self._pause > 0:
+            self._pause -= 1
+            return False
+        self._vain += 1
+        self._pause = 2**self._vain - 1
+        return True
+
+    def find(self) -> None:
+        """A look led to the path again."""
+        self.lost += 1
+        self.follow()
+
+
 def advance(
-    follower: Follower, fixed: Model, segment: int, end: int, limit: float = np.inf, begin: int = 0
-) -> bool:
+    follower: Follower, fixed: Model, segment: int, end: int, patience: Patience, begin: int = 0
+) -> None:
     """Run on from a segment that is known, and correct it and those before it by what it should show.
 
     Args:
@@ -31,14 +78,15 @@ def advance(
         fixed: model without unknowns.
         segment: that is known, up to what the next samples correct.
         end: segment up to which the path is known; the arrival at it may be written into its node.
-        limit: cost a sample of a segment from which on the path is looked for.
+        patience: with which a path that is lost is looked for.
         begin: first segment that is followed: what lies before is not looked for.
-
-    Returns:
-        Whether all segments that can be judged cost less.
     """
+    limit = patience.limit if patience.left else np.inf
     lost = _step(follower, fixed, segment, end, limit, max(segment - _HORIZON, 0), begin, DOUBT)
-    return lost is None or rejoin(lost, fixed, limit)
+    if lost is None:
+        patience.follow()
+    elif patience.look() and rejoin(lost, fixed, limit):
+        patience.find()
 
 
 def step(follower: Follower, fixed: Model, segment: int, end: int, limit: float, begin: int) -> Lost | None:
@@ -95,9 +143,9 @@ def mend(follower: Follower, fixed: Model, first: int, last: int, limit: float =
     if cost < _GOAL:
         return
     best, follower.path = follower.path, before.copy()
+    patience = Patience(1, limit=limit)
     for segment in range(first, last - 1):
-        if not advance(follower, fixed, segment, last, limit):
-            limit = np.inf
+        advance(follower, fixed, segment, last, patience)
     follower.path.nodes[:first] = before.nodes[:first]  # what came before is no part of the comparison
     if inside:
         follower.path.nodes[last - 1 :] = before.nodes[last - 1 :]

@@ -16,7 +16,8 @@ from clearance.diagnosis.following.attempt import (
     integrator_at,
     refine,
 )
-from clearance.diagnosis.following.growth import ISLAND, TORN, Start, grow, scale_of
+from clearance.diagnosis.following.growth import ISLAND, Start, grow, scale_of
+from clearance.diagnosis.following.horizon import TORN
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
 from clearance.diagnosis.shooting.fit import fit

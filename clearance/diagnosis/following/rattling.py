@@ -18,14 +18,13 @@ from clearance.diagnosis.following.attempt import LOOSENESS, POOR, Attempt, refi
 from clearance.diagnosis.following.growth import (
     BEFORE,
     ISLAND,
-    TORN,
     Followed,
     Start,
     grow,
     landed,
     scale_of,
 )
-from clearance.diagnosis.following.horizon import step
+from clearance.diagnosis.following.horizon import TORN, step
 from clearance.diagnosis.following.particles import Found, ways_on
 from clearance.diagnosis.following.stretches import SHORT, stretches
 from clearance.diagnosis.following.trace import Trace

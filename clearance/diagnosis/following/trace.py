@@ -91,6 +91,11 @@ def followed_segments(measured: Measured, speed: float) -> int:
     return int(max(_SHORTEST, _REVOLUTIONS * turn, measured.period / measured.segment))
 
 
+def traced_segments(measured: Measured, speed: float) -> int:
+    """Segments of a recording at a speed [rad/s] whose path tells where it can be followed."""
+    return 2 * (followed_segments(measured, speed) + _SKIPPED)
+
+
 def check_length(measured: Measured) -> None:
     """Refuse a recording that is too short to follow.
 

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from clearance.compilation import entry
-from clearance.diagnosis.following.attempt import Attempt, explained
+from clearance.diagnosis.following.attempt import explained
 from clearance.diagnosis.hypotheses.effect import Effect
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting
+from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import screen
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.sensing.instrument import Instrument
@@ -67,22 +68,24 @@ def seen(hypotheses: Sequence[Hypothesis], deviations: Sequence[float]) -> list[
     return found
 
 
-def seen_beside(search: Search, attempt: Attempt) -> list[dict[str, Any]]:
+def seen_beside(search: Search, explanation: Explanation) -> list[dict[str, Any]]:
     """The smallest sizes of further physical effects that the fitted recordings would have shown.
 
-    By the linear look beside an attempt that explains, its states, parameters and speeds unknown; nothing
-    where it does not explain. What is off at infinity or adds coordinates is not listed.
+    By the linear look beside the best attempt, its states, parameters and speeds unknown; nothing where it
+    does not explain. What is off at infinity or adds coordinates is not listed.
 
     Args:
         search: with its hypotheses.
-        attempt: beside which they are looked at.
+        explanation: whose look beside the nominal machine, if that one explains, has been taken.
 
     Returns:
         As ``seen``, by name.
     """
-    if not explained(attempt):
+    best, hints = explanation.best, explanation.hints
+    if not explained(best):
         return []
-    hints = screen(attempt, search.others(attempt), search.workers).singles
+    if best is not explanation.nominal:
+        hints = screen(best, search.others(best), search.workers).singles
     one = [
         (hint.hypotheses[0], hint.deviation)
         for hint in hints

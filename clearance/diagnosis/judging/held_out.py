@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -12,7 +11,7 @@ import numpy as np
 from clearance.diagnosis.following.attempt import ANNEALING, Attempt, explained, refine, tightened
 from clearance.diagnosis.following.onward import Way, best_of, go_on, together, ways_to_follow
 from clearance.diagnosis.following.rattling import follow_rattling
-from clearance.diagnosis.following.trace import Trace
+from clearance.diagnosis.following.trace import Trace, traced_segments
 from clearance.diagnosis.judging.likelihood import ask_likelihood
 from clearance.diagnosis.judging.mismatch import Innovations, innovations, root_mean_square
 from clearance.diagnosis.judging.verdict import equivalents, withdraw
@@ -26,6 +25,7 @@ from clearance.diagnosis.sensing.measured import Measured
 from clearance.diagnosis.shooting.fit import Fit
 from clearance.diagnosis.shooting.follow import alike
 from clearance.diagnosis.shooting.model import Model, Unknown
+from clearance.diagnosis.side_by_side import side_by_side
 from clearance.errors import InputError
 from clearance.mechanism.applied_force import NoForce, TabulatedForce
 from clearance.mechanism.slider_crank import SliderCrank
@@ -185,24 +185,28 @@ def _held_out(
         # what explains its own recordings is looked for with patience in others, unless it is theirs alone
         patience = PATIENCE if explained(attempt) and not _passing(own) else 0
 
-        def one(measured: Measured) -> Attempt:
+        def traced(measured: Measured) -> Trace:
             measured = measured.judged(attempt.sensors)
             try:
                 known = aligned(measured, machine, speeds_of(measured, search))
-                trace = Trace.of(measured, known, machine, instrument)
+                needed = traced_segments(measured, known.speed)
+                return Trace.of(measured.part(0, needed), known, machine, instrument)
             except np.linalg.LinAlgError:
                 raise _unmoved(measured) from None
+
+        def followed(trace: Trace) -> Attempt:
             ways = _ways(search, attempt, trace, only_speed, patience)
             try:
                 return best_of(ways, only_speed, search.patient_until)
             except np.linalg.LinAlgError:
                 raise InputError(
-                    f"held_out: {measured.name} is not followed by any machine that was found; leave it out: "
-                    "what was fitted is kept, unless finished=null"
+                    f"held_out: {trace.measured.name} is not followed by any machine that was found; leave "
+                    "it out: what was fitted is kept, unless finished=null"
                 ) from None
 
-        with ThreadPoolExecutor(search.workers) as pool:
-            found = together(list(pool.map(one, held_out)), search.workers)
+        traces = side_by_side(traced, held_out, search.workers)
+        each = side_by_side(followed, traces, search.workers, [trace.length for trace in traces])
+        found = together(each, search.workers)
     values = found.fit.values
     found.fit.values = np.concatenate(
         [np.repeat(shared[None], len(values), axis=0), found.fit.values], axis=1

@@ -131,6 +131,7 @@ def diagnose(
     errors = innovations(explanation.nominal, search.setting.joint, best if explained(best) else None)
     diagnosis = state(search, explanation, judged, errors, held_out, joints, stopped)
     diagnosis |= {"seconds": round(time.monotonic() - started, 1), "peak_memory_mib": round(peak_memory())}
+    search.report(diagnosis["summary"][0])
     search.report(f"verdict: {diagnosis['verdict']}; gathering what the report shows")
     evidence = gather_evidence(
         search, explanation, judged.held_out, judged.before, judged.after, errors,

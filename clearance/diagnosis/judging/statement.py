@@ -106,7 +106,7 @@ def state(
         **further,
         "free_form": _free_form(explanation, setting),
         "sensors": sensors,
-        "smallest_seen": seen_beside(search, best),
+        "smallest_seen": seen_beside(search, explanation),
         "fit": fit,
         "clearance": {
             "joint": joint, "misfit_by_joint": joints,

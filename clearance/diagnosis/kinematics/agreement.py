@@ -1,7 +1,6 @@
 """How well the motion that was recorded agrees with a machine's geometry, and with which clearance best."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +8,7 @@ import numpy as np
 from clearance.diagnosis.kinematics.alignment import align
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.diagnosis.sensing.measured import SAMPLES, Measured
+from clearance.diagnosis.side_by_side import side_by_side
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
@@ -132,8 +132,7 @@ def agreement(
             return np.inf
 
     jobs = [(made, r) for made in machines for r in range(len(recordings))]
-    with ThreadPoolExecutor(workers) as pool:
-        return np.array(list(pool.map(one, jobs))).reshape(len(machines), -1).mean(axis=1)
+    return np.array(side_by_side(one, jobs, workers)).reshape(len(machines), -1).mean(axis=1)
 
 
 def loose(machine: SliderCrank) -> tuple[str, ...]:

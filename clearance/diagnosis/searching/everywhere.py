@@ -1,7 +1,6 @@
 """What one recording suggests of a machine, fitted to all of them on paths that are sought anew."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from clearance.diagnosis.searching.geometry import GEOMETRIC, LOOSE_GUIDE
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.work import DRIVE
 from clearance.diagnosis.shooting.model import Model
+from clearance.diagnosis.side_by_side import side_by_side
 from clearance.errors import InputError
 
 _LOOKS = 3  # at all recordings
@@ -74,8 +74,7 @@ def fit_everywhere(
             return start_with(search, held[-1], model, row, r)
 
         try:
-            with ThreadPoolExecutor(search.workers) as pool:
-                starts = list(pool.map(begin, range(len(search.starts))))
+            starts = side_by_side(begin, range(len(search.starts)), search.workers)
             values = np.repeat(row[None], len(starts), axis=0)
             for r, start in enumerate(starts):
                 if anew or look or r != surest:

@@ -13,6 +13,7 @@ from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.nominal import refit_nominal
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.sensing.measured import Measured
+from clearance.diagnosis.side_by_side import side_by_side
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
@@ -51,7 +52,9 @@ def locate_joint(
         InputError: a recording that no machine of this kind could have made.
     """
     machine = settings[0].with_clearance(SOME_CLEARANCE)
-    alignments = [align_plausibly(one, machine, speed_range) for one in recordings]
+    alignments = side_by_side(
+        lambda one: align_plausibly(one, machine, speed_range), list(recordings), workers
+    )
     for one, found in zip(recordings, alignments, strict=True):
         report(f"{one.name}: {found.speed * 30 / np.pi:.1f} rpm")
     searches = []

@@ -143,10 +143,12 @@ def _find_starts(search: Search, model: Model) -> np.ndarray:
         search.starts = search.finished.starts(
             search.traces,
             lambda values=values, kept=kept: search.begin(  # type: ignore[misc]
-                search.traces, model, values, 0, kept
+                search.traces, model, values, 0, kept, 1
             ),
         )
-        if glance == _GLANCES:
+        heard = search.recordings[0].raw is not None
+        followed = max(start.doubt for start in search.starts) < FOLLOWED
+        if glance == _GLANCES or (glance and followed and not heard):  # fits find what is left of the error
             break
         seen = search.finished.followed(
             "glance",
@@ -159,11 +161,12 @@ def _find_starts(search: Search, model: Model) -> np.ndarray:
         search.retrace_all(clearance)
         kept = _kept(search, seen[0]) if seen is not None and surer else []
     values[:, 0] = search.clearance
-    if min(start.doubt for start in search.starts) < FOLLOWED:
-        # the machine is right, or nearly: others that are lost are worth patience
-        search.starts = search.finished.starts(
-            search.traces, lambda: search.begin(search.traces, model, values, PATIENCE, search.starts)
-        )
+    for patience in (0, PATIENCE):
+        # a machine with which one is followed is right, or nearly: others that are lost are worth patience
+        if (patience > 0) == (min(start.doubt for start in search.starts) < FOLLOWED):
+            search.starts = search.finished.starts(
+                search.traces, partial(search.begin, search.traces, model, values, patience, search.starts)
+            )
     return values
 
 

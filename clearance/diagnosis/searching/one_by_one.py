@@ -76,6 +76,7 @@ def follow_all(
         """What one recording tells by much noise may be off by as much as loses another one."""
         return grow(start, model, row, limit)
 
+    order.sort(key=lambda r: -starts[r].trace.length)  # lest all wait for a long one at the end
     with ThreadPoolExecutor(workers) as pool:
         for r, other in zip(order, pool.map(one, order), strict=True):
             if other is None:

@@ -8,7 +8,6 @@ two at a time are a matter of small matrices.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +28,7 @@ from clearance.diagnosis.shooting.calibration import calibration_of
 from clearance.diagnosis.shooting.expectation import expected
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.stretch import Pass
+from clearance.diagnosis.side_by_side import side_by_side
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
@@ -152,8 +152,8 @@ def screen(attempt: Attempt, groups: Sequence[Sequence[Hypothesis]], workers: in
         parts = scores[:, keep[:-1]] - scores[:, own] @ lift[:, :-1]
         return columns, gram, parts
 
-    with ThreadPoolExecutor(workers) as pool:
-        looks = list(pool.map(look, range(len(attempt.followers))))
+    segments = [follower.segments for follower in attempt.followers]
+    looks = side_by_side(look, range(len(segments)), workers, segments)
     gram = np.sum([gram for _, gram, _ in looks], axis=0) * attempt.scale**2
     parts = np.concatenate([_blocks(parts) for _, _, parts in looks]) * attempt.scale**2
     pull = np.zeros(model.shared)
@@ -196,8 +196,8 @@ def shapes(
             inputs = change[:, -len(step[r]) :] * step[r]
         return follower, one, inputs
 
-    with ThreadPoolExecutor(workers) as pool:
-        followers, passes, inputs = zip(*pool.map(look, range(len(attempt.followers))), strict=True)
+    looks = side_by_side(look, range(len(attempt.followers)), workers)
+    followers, passes, inputs = zip(*looks, strict=True)
     seen = observe_forces(
         passes, inputs, attempt.model.machine(attempt.fit.values[0]), joint, [f.measured for f in followers]
     )  # fmt: skip

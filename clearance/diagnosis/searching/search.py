@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +20,7 @@ from clearance.diagnosis.following.attempt import (
     whole,
 )
 from clearance.diagnosis.following.finished import Finished, kept_in
-from clearance.diagnosis.following.growth import Start, scale_of
+from clearance.diagnosis.following.growth import ISLANDS, Start, scale_of
 from clearance.diagnosis.following.trace import Trace
 from clearance.diagnosis.hypotheses.hypothesis import Hypothesis, Setting, same
 from clearance.diagnosis.kinematics.agreement import Alignment, profile
@@ -34,6 +33,7 @@ from clearance.diagnosis.sensing.instrument import Instrument
 from clearance.diagnosis.sensing.measured import NO_FAULT, Measured
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.model import Model
+from clearance.diagnosis.side_by_side import side_by_side
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
@@ -96,6 +96,7 @@ class Search:
         values: np.ndarray,
         patience: int = 0,
         before: Sequence[Start] = (),
+        islands: int = ISLANDS,
     ) -> list[Start]:
         """Where each recording can be followed from by a machine with these values.
 
@@ -105,15 +106,15 @@ class Search:
             values: (recordings, unknowns).
             patience: as of ``Start.of``.
             before: starts that are kept where a recording is followed from them.
+            islands: as of ``Start.of``.
         """
 
         def one(r: int) -> Start:
             if before and before[r].doubt < FOLLOWED:
                 return before[r]
-            return Start.of(traces[r], model.held(values[r]), LOOSENESS, patience)
+            return Start.of(traces[r], model.held(values[r]), LOOSENESS, patience, islands)
 
-        with ThreadPoolExecutor(self.workers) as pool:
-            return list(pool.map(one, range(len(traces))))
+        return side_by_side(one, range(len(traces)), self.workers, [trace.length for trace in traces])
 
     def grown(
         self,
@@ -319,11 +320,12 @@ class Search:
         self.clearance = clearance
         machine = self.setting.with_clearance(clearance)
 
-        def make() -> list[Trace]:
-            with ThreadPoolExecutor(self.workers) as pool:
-                return list(pool.map(lambda r: self.retrace(r, machine), range(len(self.recordings))))
+        def make(r: int) -> Trace:
+            return self.retrace(r, machine)
 
-        self.traces = self.finished.traces(self.alignments, make)
+        self.traces = self.finished.traces(
+            self.alignments, lambda: side_by_side(make, range(len(self.recordings)), self.workers)
+        )
 
     def retrace(self, r: int, machine: SliderCrank, instrument: Instrument = NO_FAULT) -> Trace:
         """The path of a recording for another machine, or with faults of its sensors undone."""

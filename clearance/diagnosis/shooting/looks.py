@@ -1,17 +1,13 @@
 """Look at all recordings at once: beside their paths, linearised about these, the states eliminated."""
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from collections.abc import Sequence
 
 import numpy as np
 
 from clearance.diagnosis.shooting.follow import Follower
 from clearance.diagnosis.shooting.model import Model
 from clearance.diagnosis.shooting.stretch import Comparison, Pass
-
-Job = TypeVar("Job")
-Result = TypeVar("Result")
+from clearance.diagnosis.side_by_side import side_by_side
 
 
 def observe(
@@ -36,7 +32,8 @@ def observe(
             **options,  # type: ignore[arg-type]
         )
 
-    return _in_parallel(one, list(zip(followers, values, strict=True)), workers)
+    jobs = list(zip(followers, values, strict=True))
+    return side_by_side(one, jobs, workers, [follower.segments for follower in followers])
 
 
 def compare(
@@ -48,7 +45,8 @@ def compare(
         follower, own = job
         return follower.compare(model.machine(own), model.instrument(own), **options)  # type: ignore[arg-type]
 
-    return _in_parallel(one, list(zip(followers, values, strict=True)), workers)
+    jobs = list(zip(followers, values, strict=True))
+    return side_by_side(one, jobs, workers, [follower.segments for follower in followers])
 
 
 def solve(
@@ -59,16 +57,10 @@ def solve(
     def one(job: tuple[Pass, float | np.ndarray]) -> None:
         job[0].solve(job[1], judged)
 
-    _in_parallel(one, list(zip(passes, damping, strict=True)), workers)
+    jobs = list(zip(passes, damping, strict=True))
+    side_by_side(one, jobs, workers, [len(each.local) for each in passes])
 
 
 def same_coordinates(passes: Sequence[Pass], seen: Sequence[Comparison]) -> bool:
     """Whether derivatives serve there: an effect that a step has switched off took its coordinates along."""
     return all(np.array_equal(a.chart.rows, b.chart.rows) for a, b in zip(passes, seen, strict=True))
-
-
-def _in_parallel(one: Callable[[Job], Result], jobs: list[Job], workers: int) -> list[Result]:
-    if workers == 1 or len(jobs) == 1:
-        return [one(job) for job in jobs]
-    with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(one, jobs))

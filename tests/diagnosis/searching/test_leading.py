@@ -11,6 +11,7 @@ from clearance.diagnosis.searching.one_by_one import follow_all
 from clearance.diagnosis.searching.search import Search
 
 SHARED, SURE = 2, 1  # the second recording's start is the surest
+TRACE = SimpleNamespace(length=100)
 
 
 @pytest.mark.parametrize(("insist", "leader"), [(0, None), (1, 0)])
@@ -28,7 +29,10 @@ def test_where_the_surest_recording_is_lost_another_leads_if_the_values_were_poi
     monkeypatch.setattr(searching, "refine", lambda held, model, followers, rows, *_: (followers, rows))
     search = object.__new__(Search)
     search.workers = 1
-    starts = [SimpleNamespace(number=0, doubt=2.0), SimpleNamespace(number=SURE, doubt=1.0)]
+    starts = [
+        SimpleNamespace(number=0, doubt=2.0, trace=TRACE),
+        SimpleNamespace(number=SURE, doubt=1.0, trace=TRACE),
+    ]
     model = SimpleNamespace(
         shared=SHARED, unknowns="abc", only=lambda kept, row: SimpleNamespace(unknowns="abc"[: len(kept)])
     )
@@ -51,7 +55,10 @@ def test_a_second_round_begins_with_a_little_more_clearance(monkeypatch):
         return None
 
     monkeypatch.setattr(one_by_one, "grow", grow)
-    starts = [SimpleNamespace(number=0, doubt=2.0), SimpleNamespace(number=SURE, doubt=1.0)]
+    starts = [
+        SimpleNamespace(number=0, doubt=2.0, trace=TRACE),
+        SimpleNamespace(number=SURE, doubt=1.0, trace=TRACE),
+    ]
     model = SimpleNamespace(shared=SHARED, unknowns="abc")
     assert follow_all(starts, model, np.ones((2, 3)), lambda r, row: None, 1, insist=2) is None
     assert asked == [(SURE, 1.0), (0, 1.0), (SURE, pytest.approx(1.01)), (0, pytest.approx(1.01))]

@@ -8,11 +8,13 @@ import pytest
 from clearance.diagnosis.searching import one_by_one
 from clearance.diagnosis.searching.one_by_one import follow_all
 
+TRACE = SimpleNamespace(length=100)
+
 
 @pytest.mark.parametrize("right", [0, 1, 2, 3])
 def test_a_lost_recording_is_tried_from_several_islands_with_all_values_free(monkeypatch, right):
     """What another recording told may be off by as much as loses this one: the first island trusts it."""
-    sure, away = SimpleNamespace(doubt=1.0), SimpleNamespace(doubt=66.0)
+    sure, away = SimpleNamespace(doubt=1.0, trace=TRACE), SimpleNamespace(doubt=66.0, trace=TRACE)
     islands = [SimpleNamespace(number=i, trace=SimpleNamespace(speed=97.0)) for i in range(5)]
     asked = []
 
@@ -45,7 +47,7 @@ def test_a_lost_recording_is_tried_from_several_islands_with_all_values_free(mon
     ],
 )
 def test_a_lost_recording_is_looked_for_with_what_another_tells(monkeypatch, first, before, lost, expected):
-    asked, away, sure = [], SimpleNamespace(doubt=66.0), SimpleNamespace(doubt=1.0)
+    asked, away, sure = [], SimpleNamespace(doubt=66.0, trace=TRACE), SimpleNamespace(doubt=1.0, trace=TRACE)
     found = {id(sure): first, id(away): lost}
 
     def grow(start, model, row, limit=np.inf, patient=False):

@@ -10,7 +10,7 @@ import pytest
 from clearance.compilation import entry
 from clearance.diagnosis.following.attempt import FINE
 from clearance.diagnosis.following.growth import BEFORE, ISLAND, landed
-from clearance.diagnosis.following.horizon import advance, islands, step
+from clearance.diagnosis.following.horizon import Patience, advance, islands, step
 from clearance.diagnosis.following.particles import ways_on
 from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.judging.detectability import follower_on_path
@@ -343,14 +343,15 @@ def test_a_path_that_was_lost_at_an_impact_is_found_again():
     for place in range(12, 46, 2):
         one, fixed = misled(place, random)
         before = one.path.copy()
-        advance(one, fixed, place, SEGMENTS)
+        advance(one, fixed, place, SEGMENTS, Patience(0))
         if followed(one, fixed, place):
             continue
         lost += 1
         one.path = before
-        said = advance(one, fixed, place, SEGMENTS, LOST)
-        assert said == followed(one, fixed, place)
-        found += said
+        patience = Patience(1, limit=LOST)
+        advance(one, fixed, place, SEGMENTS, patience)
+        assert patience.left == followed(one, fixed, place)
+        found += patience.left
     assert lost >= 5
     assert found >= 0.8 * lost
 
