@@ -148,17 +148,17 @@ def _polished(attempt: Attempt, workers: int) -> Attempt:
     One impact that is put together wrongly holds all parameters: no step of theirs sets its path right, and
     every step tears it further apart. Beside a model that explains, it stands out.
     """
-    if explained(attempt):
-        _settle_down(attempt, workers)
-    for _ in range(_LOOKS):
+    for look in range(_LOOKS):
         torn, lost = _TORN, np.inf
         if explained(attempt):
             rows = attempt.fit.passes[0].residual[0].size
             torn, lost = attempt.level * (1.0 + _CHANCE * np.sqrt(2.0 / rows)), _LOST
         before, kept = attempt.fit, [(f.path.copy(), f.measured) for f in attempt.followers]
-        if not mend_torn(attempt.followers, attempt.model, before, workers, torn, lost):
+        mended = mend_torn(attempt.followers, attempt.model, before, workers, torn, lost)
+        if mended or (look == 0 and explained(attempt)):
+            _settle_down(attempt, workers)
+        if not mended:
             break
-        _settle_down(attempt, workers)
         gained = before.cost - attempt.fit.cost
         if gained < 0.0:
             attempt.fit, attempt.level = before, before.level

@@ -29,7 +29,8 @@ class Patience:
     """How long a lost path is looked for.
 
     Where it was not found, a segment more seldom tells where it went (3 of 150 looks that followed another
-    did): after each look in vain twice as many segments go by, and one, before the next.
+    did): after each look in vain more than twice as many segments go by before the next. Looks are near and
+    wide in turn.
 
     Attributes:
         lost: segments at which the path may be lost, until it is not looked for any more.
@@ -59,8 +60,13 @@ class Patience:
             self._pause -= 1
             return False
         self._vain += 1
-        self._pause = 2**self._vain - 1
+        self._pause = 2**self._vain - 2
         return True
+
+    @property
+    def wide(self) -> bool:
+        """Whether the present look is a wide one."""
+        return self._vain % 2 == 0
 
     def find(self) -> None:
         """A look led to the path again."""
@@ -85,7 +91,7 @@ def advance(
     lost = _step(follower, fixed, segment, end, limit, max(segment - _HORIZON, 0), begin, DOUBT)
     if lost is None:
         patience.follow()
-    elif patience.look() and rejoin(lost, fixed, limit):
+    elif patience.look() and rejoin(lost, fixed, limit, patience.wide):
         patience.find()
 
 
@@ -143,7 +149,7 @@ def mend(follower: Follower, fixed: Model, first: int, last: int, limit: float =
     if cost < _GOAL:
         return
     best, follower.path = follower.path, before.copy()
-    patience = Patience(1, limit=limit)
+    patience = Patience(2, limit=limit)
     for segment in range(first, last - 1):
         advance(follower, fixed, segment, last, patience)
     follower.path.nodes[:first] = before.nodes[:first]  # what came before is no part of the comparison

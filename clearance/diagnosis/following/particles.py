@@ -28,7 +28,7 @@ from clearance.mechanism.slider_crank import SliderCrank
 FRESH, DOUBT = 0.99, 0.1
 """Factors on the doubt of a first node: nothing is known before it, but its samples count; it is followed."""
 
-_SPREADS = (1.0, 4.0)  # factors on what is known of the states, in turn
+_NEARBY, _WIDE = 1.0, 4.0  # factors on what is known of the states
 _ROUGH = 3.0  # factor on the noise, to correct a draw at first
 _GOAL = 1.05  # cost a sample at which it is right
 _KNOWN = 2  # segments before the lost one whose samples tell the state, beyond those at the edge
@@ -126,13 +126,14 @@ class Found:
     worst: float
 
 
-def rejoin(lost: Lost, fixed: Model, limit: float) -> bool:
+def rejoin(lost: Lost, fixed: Model, limit: float, wide: bool) -> bool:
     """Put a path together anew from a segment on that is lost; kept where it comes nearer.
 
     Args:
         lost: the stretch.
         fixed: model without unknowns.
         limit: cost a sample up to which a segment is followed.
+        wide: whether it is looked for further away than what is known of the states says.
 
     Returns:
         Whether all is followed now.
@@ -140,11 +141,9 @@ def rejoin(lost: Lost, fixed: Model, limit: float) -> bool:
     lost = replace(lost, fresh=False)
     random = np.random.default_rng([lost.place, lost.last])
     begin = best = lost.judged(fixed, _NOTHING)
-    for spread in _SPREADS:
-        for rough in _drawn(lost, begin, fixed, None, _NOTHING, spread, _FOLLOWED, random)[:1]:
-            best = min(best, lost.corrected(fixed, rough, 1.0, None), key=lambda one: one.cost)
-        if best.worst < limit:
-            break
+    spread = _WIDE if wide else _NEARBY
+    for rough in _drawn(lost, begin, fixed, None, _NOTHING, spread, _FOLLOWED, random)[:1]:
+        best = min(best, lost.corrected(fixed, rough, 1.0, None), key=lambda one: one.cost)
     lost.follower.path = best.path
     return best.worst < limit
 

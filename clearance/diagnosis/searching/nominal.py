@@ -137,7 +137,7 @@ def _find_starts(search: Search, model: Model) -> np.ndarray:
     Returns:
         (recordings, 2) clearance and speed to begin with.
     """
-    kept: list[Start] = []
+    kept, clearance = list[Start](), search.clearance
     for glance in range(_GLANCES + 1):
         values = np.array([[search.clearance, trace.speed] for trace in search.traces])
         search.starts = search.finished.starts(
@@ -160,7 +160,7 @@ def _find_starts(search: Search, model: Model) -> np.ndarray:
             break
         search.retrace_all(clearance)
         kept = _kept(search, seen[0]) if seen is not None and surer else []
-    values[:, 0] = search.clearance
+    values[:, 0] = clearance
     for patience in (0, PATIENCE):
         # a machine with which one is followed is right, or nearly: others that are lost are worth patience
         if (patience > 0) == (min(start.doubt for start in search.starts) < FOLLOWED):
