@@ -149,6 +149,8 @@ def _repeating(
     """The repeating force of (samples,) ``filtered`` ones in each recording, if it reaches ``least`` [N]."""
     if min(len(force) for force in forces) < 3 * SAMPLES:
         return None
+    if np.concatenate(forces).std() < least:  # no part of it is more than all
+        return None
     rate = recordings[0].chain.rate
     count = [len(one.values.reshape(-1, len(one.channels))) for one in recordings]
     times = [np.arange(samples) / rate for samples in count]

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from clearance.diagnosis.kinematics import shaking
 from clearance.diagnosis.kinematics.agreement import profile
 from clearance.diagnosis.kinematics.reconstruction import _steadied
 from clearance.diagnosis.kinematics.shaking import find_shaking, measure_frame, shakes
@@ -107,6 +108,18 @@ def test_a_force_that_shakes_a_known_frame_is_read_off_the_balance(gravity):
     assert shaking.interpolation == "cubic"
     on_the_ground = machine("C", 1e-4)
     assert find_shaking([measured], [(known.angle, known.speed)], on_the_ground) is None
+
+
+def test_where_nothing_shakes_a_known_frame_no_rhythm_is_sought(monkeypatch):
+    asked = []
+    monkeypatch.setattr(shaking, "find_rhythm", lambda *_: asked.append(1))
+    for acting in (0.0, 40.0):
+        wave = tuple(acting * np.sin(2.0 * np.pi * np.arange(12) / 12))
+        force = TabulatedForce("frame", "x", "time", 0.0, None, wave, "cubic", 0.06)
+        measured, states = recorded(machine("C", 3e-4, frame=SOFT, force=force), sensors=(*AT_A, *SENSORS))
+        known = aligned(states)
+        find_shaking([measured], [(known.angle, known.speed)], machine("C", 1e-4, frame=SOFT))
+        assert len(asked) == (acting > 0.0)  # in x alone
 
 
 def test_jumps_of_a_force_tell_its_period_and_two_recordings_how_sure_it_is():
