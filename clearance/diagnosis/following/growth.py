@@ -44,7 +44,7 @@ class Start:
 
     Attributes:
         trace: of the recording.
-        follower: on the path, smoothed as far as islands were looked for, with unknown forces.
+        follower: on the smoothed path, with unknown forces.
         island: first segment of those that are followed best.
         doubt: cost a sample of the steps that follow them.
     """
@@ -159,11 +159,10 @@ def grow(
 
 
 def _smoothed(trace: Trace, model: Model, looseness: float) -> tuple[Follower, list[int]]:
-    """The path, smoothed with unknown forces where islands may be, and islands on it, the surest first."""
+    """The smoothed path with unknown forces, and islands on it, the surest first."""
     follower = trace.follower(looseness)
-    needed = min(trace.margin + ISLAND + _PROBED + 2 * _EDGES, follower.segments)
     for scale in (ANNEALING[0], ANNEALING[2]):
-        found = settle([follower], model, _NOTHING, 8, 5e-2, 1, tries=2, scale=scale, first=0, last=needed)
+        found = settle([follower], model, _NOTHING, 8, 5e-2, 1, tries=2, scale=scale)
     each = found.passes[0].each
     last = max(_EDGES + 1, min(trace.margin, len(each) - ISLAND - _PROBED - _EDGES))
     worst = np.full(last, np.inf)
