@@ -1,13 +1,13 @@
 """What a machine with ideal joints would have shown of its motion: sixteen guesses at a time."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
 from clearance.diagnosis.motion.track import Track, respond
 from clearance.diagnosis.sensing.instrument import Instrument
+from clearance.diagnosis.side_by_side import side_by_side
 from clearance.lanes import WIDTH
 from clearance.mechanism.parameters import PARAMETERS, Parameter
 from clearance.mechanism.slider_crank import SliderCrank
@@ -67,12 +67,7 @@ def predict(track: Track, guesses: Sequence[Guess], workers: int = 1) -> np.ndar
     def work(group: list[int]) -> None:
         found[group] = _run(track, [guesses[i] for i in group])
 
-    if workers > 1 and len(groups) > 1:
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(work, groups))
-    else:
-        for group in groups:
-            work(group)
+    side_by_side(work, groups, workers)
     return found
 
 

@@ -8,7 +8,6 @@ it; forces of free form come between. What follows one recording is fitted to al
 """
 
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -36,6 +35,7 @@ from clearance.diagnosis.searching.nominal import find_nominal
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.tables import refine_table
 from clearance.diagnosis.searching.wear import WORN, suggest_wear
+from clearance.diagnosis.side_by_side import side_by_side
 from clearance.errors import InputError
 
 _ISLANDS, _MORE = 2, 4  # from which a recording is followed; of another one, with what the first tells
@@ -280,8 +280,7 @@ class _OneRecording:
         starts = [start for start in starts if start.doubt < doubted]
         found = list[Followed]()
         for first in range(0, len(starts), search.workers):
-            with ThreadPoolExecutor(search.workers) as pool:
-                some = list(pool.map(one, starts[first : first + search.workers]))
+            some = side_by_side(one, starts[first : first + search.workers], search.workers)
             for each in filter(None, some):  # in their order, however many were followed at a time
                 if each[2] <= POOR:
                     return min((*found, each), key=lambda one: one[2])

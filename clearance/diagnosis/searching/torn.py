@@ -5,8 +5,6 @@ that is torn: its errors are so large that they hardly count. So the stretches a
 anew with each effect, everything else held; they are short, and this is quick.
 """
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 
 from clearance.diagnosis.following.attempt import APART, NEAR, Attempt, explained, whole
@@ -18,6 +16,7 @@ from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.significance import SURE
 from clearance.diagnosis.shooting.follow import EDGE
 from clearance.diagnosis.shooting.settle import settle
+from clearance.diagnosis.side_by_side import side_by_side
 from clearance.errors import InputError
 from clearance.mechanism.slider_crank import SliderCrank
 
@@ -68,9 +67,8 @@ def rejoin_impacts(search: Search, base: Attempt) -> list[Hint]:
     for first in range(0, len(chosen), search.workers):
         if search.late():
             break
-        with ThreadPoolExecutor(search.workers) as pool:
-            for hints in pool.map(asked, chosen[first : first + search.workers]):
-                found += hints
+        for hints in side_by_side(asked, chosen[first : first + search.workers], search.workers):
+            found += hints
     found.sort(key=lambda hint: -hint.gain)
     each: dict[str, Hint] = {}
     for hint in found:
