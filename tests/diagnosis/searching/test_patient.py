@@ -1,6 +1,5 @@
 """Where nothing is followed: effects with patience on one recording, then what follows it on all."""
 
-from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -34,7 +33,6 @@ class Bench:
         monkeypatch.setattr(patient.Start, "several", staticmethod(self.several))
         monkeypatch.setattr(patient, "grow", self.grow)
         monkeypatch.setattr(patient, "refine", self.refine)
-        monkeypatch.setattr(patient, "ThreadPoolExecutor", lambda _: nullcontext(SimpleNamespace(map=map)))
         monkeypatch.setattr(patient._OneRecording, "_tables", lambda _: [])
         monkeypatch.setattr(patient, "suggest_wear", lambda *_: None)
         monkeypatch.setattr(patient, "same", lambda one, other: one.name == other.name)
