@@ -26,6 +26,7 @@ _LEFT = 0.3  # of what a base that explains leaves: what is right leaves less
 _SOME = 0.6  # of it: so much from a plausible size is worth a fit
 _TRIALS = 3  # plausible shapes or sizes of an effect that are tried
 _AGAIN = (1.0, 3.0, 5.0)  # times the plausible damping with which a flexible part is followed again
+_BETTER = 0.7  # of the misfit before: less is worth following again from there
 _SUREST = 3  # effects that a linear look is sure of
 _ELSEWHERE = (DRIVE, "second_clearance", "rod_flexibility", FRAME, LOOSE_GUIDE)
 """Effects that no linear look beside a nominal path can judge, cheap and frequent ones first."""
@@ -250,7 +251,7 @@ def _try_out(
             continue
         one = min(own, key=lambda one: one.misfit)
         if one.misfit >= little:
-            one = _again(search, one, surest, limit, base.label)
+            one = _again(search, one, surest, limit, base.label, anew)
         if one.misfit >= little:
             tried.append(one)
         elif everywhere(one):  # of the others, too? one recording at one speed shows little of a motor
@@ -297,21 +298,28 @@ def _on_one(
     return [_Tried(found[2], held, found[1])]
 
 
-def _again(search: Search, one: _Tried, surest: int, limit: float, label: str) -> _Tried:
-    """Where a flexible part is followed badly: again from the size that it came to, with other dampings.
+def _again(search: Search, one: _Tried, surest: int, limit: float, label: str, anew: bool = False) -> _Tried:
+    """Where it is followed badly: again from what was found, a flexible part with other dampings, too.
 
-    The frequency at which it rings shows soon; the path that was begun with another one stays torn.
+    A table or the frequency at which a part rings shows soon; the path that was begun with another one stays
+    torn.
     """
     hypothesis = one.held[-1]
     damped = np.array([unknown.name == "damping_ratio" for unknown in hypothesis.unknowns])
+    label = f"{label} + {hypothesis.label} again"
     if not (_structural(search, hypothesis) and damped.any()):
+        while one.misfit >= EXPLAINED and not search.late():
+            again = _on_one(search, one.held, one.row, surest, _BETTER * one.misfit, label, anew)
+            if not again or again[0].misfit > _BETTER * one.misfit:
+                break
+            one = again[0]
         return one
     for times in _AGAIN:
         if one.misfit < EXPLAINED or search.late():
             break
         row = one.row.copy()
         row[-1 - len(damped) : -1][damped] = times * hypothesis.start[damped]
-        again = _on_one(search, one.held, row, surest, limit, f"{label} + {hypothesis.label} again")
+        again = _on_one(search, one.held, row, surest, limit, label)
         one = min([one, *again], key=lambda one: one.misfit)
     return one
 

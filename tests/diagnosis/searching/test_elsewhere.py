@@ -138,21 +138,23 @@ def test_each_candidate_is_tried_though_something_small_explains():
 
 
 @pytest.mark.parametrize(
-    ("name", "misfits", "expected"),
+    ("name", "misfits", "begun", "expected"),
     [
-        ("guide_friction", [0.9], 39.3),  # no flexible part: as it is
-        ("rod_flexibility", [2.5, 0.99], 0.99),
-        ("rod_flexibility", [None, 2.5, 30.0], 2.5),
-        ("rod_flexibility", [50.0, None, 40.0], 39.3),
+        ("rod_flexibility", [2.5, 0.99], [0.01, 0.03], 0.99),  # dampings
+        ("rod_flexibility", [None, 2.5, 30.0], [0.01, 0.03, 0.05], 2.5),
+        ("rod_flexibility", [50.0, None, 40.0], [0.01, 0.03, 0.05], 39.3),
+        ("guide_friction", [14.0, 1.05], [0.006, 0.03], 1.05),  # its second number, as it was found
+        ("guide_friction", [14.0, 13.0], [0.006, 0.03], 14.0),  # hardly better: it leads nowhere
+        ("guide_friction", [None], [0.006], 39.3),
     ],
 )
-def test_a_flexible_part_is_followed_again_from_the_frequency_it_came_to(
-    monkeypatch, name, misfits, expected
+def test_what_is_followed_badly_is_followed_again_from_what_was_found(
+    monkeypatch, name, misfits, begun, expected
 ):
-    begun, left = [], iter(misfits)
+    rows, left = [], iter(misfits)
 
     def grow(start, model, row, limit):
-        begun.append(row.tolist())
+        rows.append(row.tolist())
         misfit = next(left)
         return None if misfit is None else ("its path", np.array([9.6e-4, 346.0, 0.03, 700.0]), misfit)
 
@@ -166,8 +168,7 @@ def test_a_flexible_part_is_followed_again_from_the_frequency_it_came_to(
     hypothesis = next(iter(gather(load_effects([name], []), machine, "C", ()).values()))[0]
     first = _Tried(39.3, [hypothesis], np.array([9.6e-4, 343.8, 0.006, 700.0]))
     assert _again(search, first, 0, 50.0, "nominal").misfit == expected
-    dampings = [row[2] for row in begun]
-    assert dampings == pytest.approx([0.01, 0.03, 0.05][: len(misfits) if name == "rod_flexibility" else 0])
+    assert [row[2] for row in rows] == pytest.approx(begun)
 
 
 def test_plausible_sizes_are_tried_before_other_shapes_of_one():
