@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -52,11 +53,19 @@ def concealed(tmp_path_factory):
     return home
 
 
+@contextmanager
+def copied(concealed, home):
+    """A fresh copy of a concealed trial; it can be deleted afterwards."""
+    shutil.copytree(concealed, home)
+    lock(home / "sealed")
+    try:
+        yield Trial(home)
+    finally:
+        unlock(home / "sealed")
+
+
 @pytest.fixture
 def trial(concealed, tmp_path):
     """A fresh copy of the concealed trial."""
-    home = tmp_path / "trial"
-    shutil.copytree(concealed, home)
-    lock(home / "sealed")
-    yield Trial(home)
-    unlock(home / "sealed")
+    with copied(concealed, tmp_path / "trial") as trial:
+        yield trial

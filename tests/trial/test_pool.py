@@ -12,14 +12,22 @@ from clearance.trial.score import score_case
 from clearance.trial.summary import summarise
 from clearance.whole_files import write_json
 from tests.command_line import call
+from tests.trial.conftest import copied
+
+
+@pytest.fixture(scope="module")
+def revealed(concealed, tmp_path_factory):
+    """What is known of a trial as a whole, and a row a case."""
+    with copied(concealed, tmp_path_factory.mktemp("pool") / "trial") as trial:
+        trial.examine()
+        facts, cases = reveal(trial.folder, trial.sealed)
+        return facts, [score_case(one) for one in cases]
 
 
 @pytest.fixture
-def published(trial, tmp_path):
+def published(revealed, tmp_path):
     """Results of two trials; the second is the first's with another seed and one case less."""
-    trial.examine()
-    facts, cases = reveal(trial.folder, trial.sealed)
-    rows = [score_case(one) for one in cases]
+    facts, rows = revealed
     result = {"date": "2026-01-01"} | facts | summarise(rows) | {"rows": rows}
     other = facts | {"seed": 12, "commitment": "0" * 64, "scope": facts["scope"] | {"cases": 3}}
     paths = [tmp_path / "trial-11.json", tmp_path / "trial-12.json"]
