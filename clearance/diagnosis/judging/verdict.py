@@ -338,9 +338,10 @@ def effects_of(attempt: Attempt, chance: dict[int, float], basis: str = "predict
             number = numbers[place + i]
             unit = hypothesis.effect.parameter(unknown.name).unit if hypothesis.effect else ""
             off = float(hypothesis.off[i])
+            vanishes = np.isfinite(off) and not hypothesis.shapes[i]  # there; no shape switches an effect off
             parameters[unknown.name] = {
                 "value": number.value, "unit": unit, "low": number.low, "high": number.high,
-                "off": off if np.isfinite(off) else None,
+                "off": off if vanishes else None,
             }  # fmt: skip
         place += len(hypothesis.unknowns)
         found.append(

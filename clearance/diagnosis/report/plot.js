@@ -293,12 +293,12 @@ function bars(parent, label, rows, { source = "diagnosis", rule = null, unit = "
   });
 }
 
-// A parameter's interval on a line that also shows where the effect would be off.
+// A parameter's interval on a line that also shows where the effect would be off, if it is at a number.
 function intervalBar(parent, label, { value, low, high, off = 0 }, style = "after") {
   const ends = extent([value, low, high, off]);
   if (!isNumber(value) || !(ends[1] > ends[0])) return;
-  const where = isNumber(off) ? `off at ${text(off, 3)}` : "off at infinity";
-  figure(parent, `${label}: ${text(value, 3)}, 95 % interval ${text(low, 3)} to ${text(high, 3)}, ${where}`, (width) => {
+  const where = isNumber(off) ? `, off at ${text(off, 3)}` : "";
+  figure(parent, `${label}: ${text(value, 3)}, 95 % interval ${text(low, 3)} to ${text(high, 3)}${where}`, (width) => {
     const pad = (ends[1] - ends[0]) * 0.08, x = axis([ends[0] - pad, ends[1] + pad], [6, width - 6]);
     const svg = canvas(width, 34, s("line", { class: "track", x1: 6, x2: width - 6, y1: 11, y2: 11 }));
     if (isNumber(off)) svg.append(s("line", { class: "off", x1: x(off), x2: x(off), y1: 4, y2: 18 }),

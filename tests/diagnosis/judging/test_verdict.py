@@ -10,6 +10,7 @@ from clearance.diagnosis.hypotheses.free_form import (
 )
 from clearance.diagnosis.judging.verdict import (
     Estimate,
+    effects_of,
     equivalents,
     lost,
     place_of,
@@ -36,6 +37,20 @@ from tests.diagnosis.attempts import attempt, known
 )
 def test_the_verdict_follows_from_what_explains(nominal, others, expected):
     assert verdict_of(Explanation(attempt([], nominal), others)) == expected
+
+
+def test_no_shape_switches_an_effect_off(monkeypatch):
+    bending = attempt(["rod_flexibility"], 1.0)
+    (hypothesis,) = bending.hypotheses
+    hypothesis.unknowns = tuple(
+        SimpleNamespace(name=name) for name in ("frequency", "damping_ratio", "scale")
+    )
+    hypothesis.off, hypothesis.shapes = np.array([np.inf, 0.01, 1.0]), np.array([False, True, False])
+    hypothesis.body, hypothesis.direction = "rod", "transverse"
+    known(monkeypatch, lambda _: [Estimate(1.0, 1.0, 1.0)] * 4)
+    (effect,) = effects_of(bending, {})
+    told = {name: parameter["off"] for name, parameter in effect["parameters"].items()}
+    assert told == {"frequency": None, "damping_ratio": None, "scale": 1.0}
 
 
 @pytest.mark.parametrize(("held_out", "expected"), [(1.3, "physics"), (1.4, "unknown"), (60.0, "unknown")])
