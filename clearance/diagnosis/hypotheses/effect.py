@@ -8,7 +8,7 @@ other. Adding one is a YAML file and, if need be, a law.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from math import isfinite
+from math import floor, isfinite, log10
 from typing import Any
 
 from clearance.diagnosis.sensing.instrument import FAULTY_CHANNELS, Instrument
@@ -26,6 +26,7 @@ _OPERATIONS = ("set", "multiply", "add")
 _SCALES = ("linear", "log")
 _JOINTS = {"B": ("joint_b", "joint_c"), "C": ("joint_c", "joint_b")}
 _SECONDS = {"s": 1, "Hz": -1, "N": -2}
+_WRITTEN_OUT = (1e-3, 1e5)  # others are powers of ten
 _PLAIN = {"joint_b": "joint B", "joint_c": "joint C"}
 
 
@@ -96,18 +97,35 @@ class FreeParameter:
         return sum(sign * _SECONDS.get(name, 0) * int(power or 1) for name, power, sign in powers)
 
     def text(self, value: float, low: float | None = None, high: float | None = None) -> str:
-        """The value with its interval, if there is one, and its unit, for people: 2.5 (2.3 to 2.7) mm."""
+        """The value with its interval, if there is one, and its unit, for people: 2.5 (2.3 to 2.7) mm.
+
+        All three have the decimals that the interval's width is worth.
+        """
         factor, unit = 1.0, {"-": "", "deg": "°"}.get(self.unit, f" {self.unit}")
         if self.percent:
             factor, unit = 100.0, " %"
         if self.unit in ("m", "s") and 0.0 < abs(value) < 1.0:
             factor, prefix = (1e6, "µ") if abs(value) < 1e-3 else (1e3, "m")
             unit = f" {prefix}{self.unit}"
-        shown = f"{factor * value:.4g}"
-        if low is not None and high is not None and low < high:
-            between = f"{factor * low:.4g} to {factor * high:.4g}"
-            return f"{shown} ({between}){unit}" if unit.startswith(" ") else f"{shown}{unit} ({between})"
-        return f"{shown}{unit}"
+        if low is None or high is None or not low < high:
+            return f"{factor * value:.4g}{unit}"
+        shown, *ends = rounded_alike(factor * value, factor * low, factor * high)
+        between = " to ".join(ends)
+        return f"{shown} ({between}){unit}" if unit.startswith(" ") else f"{shown}{unit} ({between})"
+
+
+def rounded_alike(value: float, low: float, high: float) -> list[str]:
+    """A value and its interval: the interval is at least two units of the last decimal wide."""
+    numbers = (value, low, high)
+    written = _WRITTEN_OUT[0] <= max(map(abs, numbers)) < _WRITTEN_OUT[1]
+    if not (low < high and isfinite(high - low) and written):
+        return [f"{number:.4g}" for number in numbers]
+    decimals = max(0, -floor(log10((high - low) / 2.0) + 1e-9))
+    rounded = [round(number, decimals) for number in numbers]
+    return [  # what rounding would change by a tenth has digits of its own
+        f"{number:.2g}" if abs(near - number) > 0.1 * abs(number) else f"{near + 0.0:.{decimals}f}"
+        for number, near in zip(numbers, rounded, strict=True)
+    ]
 
 
 @dataclass(frozen=True)

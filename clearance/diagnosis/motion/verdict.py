@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from clearance.diagnosis.hypotheses.effect import Effect
+from clearance.diagnosis.hypotheses.effect import Effect, rounded_alike
 from clearance.diagnosis.judging.verdict import Estimate
 from clearance.diagnosis.judging.words import HELPS, acting
 from clearance.diagnosis.motion.attempt import Attempt, Findings, Remainder
@@ -312,13 +312,18 @@ def _clearance_words(clearance: Mapping[str, Any]) -> str:
     )
 
 
+def _with_interval(one: Mapping[str, Any]) -> str:
+    value, low, high = rounded_alike(one["value"], one["low"], one["high"])
+    return f"{value} ({low} to {high})"
+
+
 def _uncertain_words(
     singles: Sequence[Mapping[str, Any]], combinations: Sequence[Mapping[str, Any]]
 ) -> list[str]:
     lines = []
     for one in singles:
         if one["determined"]:
-            lines.append(f"{one['path']} is {one['value']:.4g} ({one['low']:.4g} to {one['high']:.4g}).")
+            lines.append(f"{one['path']} is {_with_interval(one)}.")
     unknown = [str(one["path"]) for one in singles if not one["determined"]]
     if unknown:
         lines.append(f"These recordings do not tell {', '.join(unknown)} one by one.")
@@ -328,7 +333,6 @@ def _uncertain_words(
             for path, weight in one["weights"].items()
         )
         lines.append(
-            f"What they tell is {terms.removeprefix('+ ')} = {one['value']:.4g} ({one['low']:.4g} to "
-            f"{one['high']:.4g}), near these values."
+            f"What they tell is {terms.removeprefix('+ ')} = {_with_interval(one)}, near these values."
         )
     return lines

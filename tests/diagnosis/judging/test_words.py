@@ -49,10 +49,17 @@ def test_what_is_small_and_has_no_name_is_not_called_a_model_that_fails(
 @pytest.mark.parametrize(
     ("effect", "parameter", "value", "expected"),
     [
-        ("slider_offset", "offset", (-6.353e-3, -6.36e-3, -6.346e-3), "-6.353 (-6.36 to -6.346) mm"),
+        ("slider_offset", "offset", (-6.353e-3, -6.36e-3, -6.346e-3), "-6.353 (-6.360 to -6.346) mm"),
         ("second_clearance", "clearance", (8.3e-5, 8.2e-5, 8.4e-5), "83 (82 to 84) µm"),
-        ("timebase", "rate_error", (0.04678, 0.0467, 0.0469), "4.678 (4.67 to 4.69) %"),
+        ("timebase", "rate_error", (0.04678, 0.0467, 0.0469), "4.68 (4.67 to 4.69) %"),
         ("worn_bearing", "order", (3.0, 3.0, 3.0), "3"),
+        ("rod_inertia", "inertia_ratio", (1.00861, 1.00736, 1.00987), "1.009 (1.007 to 1.010)"),
+        ("rod_inertia", "mass_ratio", (1.05, 1.0499996, 1.0500004), "1.0500000 (1.0499996 to 1.0500004)"),
+        ("restitution", "restitution", (0.696, 0.05, 0.798), "0.7 (0.05 to 0.8)"),
+        ("gravity", "gravity_y", (0.01, -0.4, 0.4), "0.01 (-0.4 to 0.4) m/s^2"),
+        ("flexible_base", "mass", (1556.0, 0.5, 3280.0), "1556 (0.5 to 3280) kg"),
+        ("contact_stiffness", "stiffness_scale", (2e5, 1e5, 4e5), "2e+05 (1e+05 to 4e+05)"),
+        ("joint_lubrication", "damping", (1.0, 0.5, np.inf), "1 (0.5 to inf) N s/m"),
         ("sensor_misalignment", "angle", (5.7, 5.5, 5.9), "5.7° (5.5 to 5.9)"),
     ],
 )
@@ -154,6 +161,6 @@ def test_of_a_law_that_the_model_has_its_own_number_is_told(monkeypatch):
         (line,) = words._effects(Explanation(attempt([], 9.0), [one]), "C")
         return line
 
-    assert told().endswith("1 (0.9 to 1.1) N of Coulomb friction.")
+    assert told().endswith("1.0 (0.9 to 1.1) N of Coulomb friction.")
     own = told(guide_friction=StribeckGuide(coulomb_force=3.0))
     assert own.endswith("This is in the place of the model's own: 3 N (coulomb_force).")
