@@ -8,23 +8,27 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from clearance.evaluation.figures import new_figure
+from clearance.trial.case import SEVERAL, UNNAMED
+from clearance.trial.repertoire import EFFECTS, FAULTS, FORCES
 
 Row = Mapping[str, Any]
 _FAINTEST = 1e-2  # visibilities below are drawn there
 _SMALL = 1e-3  # %, of an error: smaller ones are drawn on a straight scale
 _ESTIMATORS = {"nominal": ("#b2182b", "x"), "true": ("#888888", "o"), "corrected": ("#1b7837", ".")}
 _COLOURS = {"right": "#1b7837", "detected": "#e08214", "missed": "#b2182b"}
+_ORDER = ("none", *EFFECTS, *FAULTS, *SEVERAL, *FORCES, *UNNAMED, "unknown", "equivalent", "no verdict")
+"""Of rows and columns: the list's own, joint to instrument, then what it does not have."""
 
 
 def power(rows: Sequence[Row], bins: Sequence[Mapping[str, Any]]) -> Figure:
     """Each thing that was missing, by how plainly it shows: named rightly, only detected, or missed.
 
     Args:
-        rows: of all cases.
+        rows: of all cases. Beside each line: how many above the threshold are right, of how many.
         bins: ``power`` of the summary; drawn below, with exact intervals.
     """
     shown = [row for row in rows if row["visibility"]]
-    labels = sorted({_label(row) for row in shown})
+    labels = [name for _, name in sorted({(_place(row["kind"], row["item"]), _label(row)) for row in shown})]
     height = 0.28 * len(labels) + 1.0
     figure = new_figure(9, height + 3.0)
     axes, curve = figure.subplots(2, 1, sharex=True, height_ratios=[height, 2.0])
@@ -41,7 +45,12 @@ def power(rows: Sequence[Row], bins: Sequence[Mapping[str, Any]]) -> Figure:
     span = max(0.5 * min([0.2, *plainest]), 0.5 * _FAINTEST), 2.0 * max([5.0, *plainest])
     axes.set(xscale="log", xlim=span, title="What was found, by how plainly it shows")
     axes.set_yticks(range(len(labels)), labels, fontsize=8)
-    axes.legend(loc="lower right", fontsize=8)
+    axes.invert_yaxis()
+    above = [[bool(row["right"]) for row in shown if row["visible"] and _label(row) == one] for one in labels]
+    beside = axes.secondary_yaxis("right")
+    beside.set_yticks(range(len(labels)), [f"{sum(one)} of {len(one)}" for one in above], fontsize=8)
+    beside.set_ylabel("right, above the threshold", fontsize=8)
+    axes.legend(loc="lower left", fontsize=8)
     for state in ("right", "detected"):
         known = [one for one in bins if one[state]["of"]]
         middle = [np.sqrt(max(one["from"], 0.05) * (one["to"] or 4.0 * one["from"])) for one in known]
@@ -58,8 +67,8 @@ def power(rows: Sequence[Row], bins: Sequence[Mapping[str, Any]]) -> Figure:
 
 def confusion(table: Mapping[str, Mapping[str, int]]) -> Figure:
     """What is true against what was said first."""
-    truths = list(table)
-    said = sorted({name for cells in table.values() for name in cells})
+    truths = sorted(table, key=_order)
+    said = sorted({name for cells in table.values() for name in cells}, key=_order)
     counts = np.array([[table[t].get(s, 0) for s in said] for t in truths])
     figure = new_figure(0.32 * len(said) + 3.2, 0.28 * len(truths) + 2.8)
     axes = figure.add_subplot()
@@ -143,6 +152,16 @@ def _errors(axes: Axes, found: Sequence[Mapping[str, Any]], true: Sequence[float
 
 def _label(row: Row) -> str:
     return f"{row['kind']}: {row['item']}" if row["kind"] in ("outside", "left_out") else str(row["item"])
+
+
+def _order(name: str) -> tuple[int, str]:
+    """Place of a name in tables: those that the list does not have come last."""
+    return (_ORDER.index(name) if name in _ORDER else len(_ORDER)), name
+
+
+def _place(kind: str, item: str) -> tuple[int, int, str]:
+    """Effects, faults, pairs and triples, forces, and what was left out."""
+    return (_order(kind)[0] if kind in UNNAMED else 0), *_order(item)
 
 
 def _state(row: Row) -> str:

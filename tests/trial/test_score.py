@@ -384,9 +384,23 @@ def test_a_power_curve_counts_each_case_in_the_bin_of_its_visibility(secrets):
     bins = summarise([*rows, missed])["power"]
     assert [one["right"]["of"] for one in bins] == [0, 1, 2, 0, 0, 1]
     assert [one["right"]["count"] for one in bins] == [0, 1, 1, 0, 0, 1]
-    drawn = pictures.power([*rows, missed], bins).axes[0].collections
-    places = {one.get_label(): sorted(np.asarray(one.get_offsets())[:, 0].tolist()) for one in drawn}
+    lines = pictures.power([*rows, missed], bins).axes[0]
+    places = {
+        one.get_label(): sorted(np.asarray(one.get_offsets())[:, 0].tolist()) for one in lines.collections
+    }
     assert places == {"right": [0.7, 1.5, 30.0], "detected": [], "missed": [1.9]}
+    (beside,) = lines.child_axes
+    assert [one.get_text() for one in beside.get_yticklabels()] == ["3 of 4"]
+
+
+def test_pictures_have_the_order_of_the_list_with_what_it_lacks_at_the_end():
+    """Joint to instrument, as the repertoire has them, not by letter."""
+    cells = {"timebase": {"timebase": 2}, "outside": {"unknown": 1}, "none": {"none": 3}}
+    axes = pictures.confusion(cells | {"joint_friction": {"no verdict": 1}}).axes[0]
+    names = [[one.get_text() for one in line] for line in (axes.get_yticklabels(), axes.get_xticklabels())]
+    assert names == [
+        ["none", "joint_friction", "timebase", "outside"], ["none", "timebase", "unknown", "no verdict"]
+    ]  # fmt: skip
 
 
 def test_a_result_is_plain_data_with_tables_and_pictures(trial, tmp_path):
