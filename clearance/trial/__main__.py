@@ -52,6 +52,15 @@ def main(cfg: DictConfig) -> None:
     program, arguments = _words(cfg, "program"), _words(cfg, "arguments")
     methods = _methods(_words(cfg, "baselines"))
     part = shard(cfg.shard)
+    if part != (1, 1) and cfg.stage not in ("diagnose", "baselines"):
+        raise InputError(
+            f"shard = {cfg.shard}: cases are diagnosed in parts, and concealed and revealed at once; set "
+            "stage=diagnose, or shard=1/1"
+        )
+    if cfg.stage == "baselines" and not methods:
+        raise InputError(
+            f"stage = baselines runs those of baselines, which is []; list {', '.join(BASELINES)}"
+        )
     folder, sealed, parallel = Path(cfg.folder), Path(cfg.sealed), int(cfg.parallel)
     scope, loop = instantiate(cfg.scope, _convert_="all"), instantiate(cfg.loop, _convert_="all")
     if cfg.stage == "loop" and loop is None:
@@ -77,11 +86,13 @@ def main(cfg: DictConfig) -> None:
             judge = [sys.executable, "-m", "clearance.trial.baselines", f"method={method}"]
             examiner = Examiner(judge, [], f"{_BESIDE}/{method}", cfg.time_limit, cfg.retry)
             examiner.examine(folder, parallel, log.info, part)
-    if cfg.stage in ("reveal", "loop") or (cfg.stage == "all" and part == (1, 1)):
+    if cfg.stage in ("all", "reveal", "loop"):
         others = [] if cfg.stage == "loop" else [f"{_BESIDE}/{method}" for method in methods]
         for verdicts in (VERDICTS, *others):
             log.info("%s committed: SHA-256 %s", verdicts, commit_verdicts(folder, verdicts))
         facts, cases = reveal(folder, sealed)
+        if len(facts["asked"]) > 1:
+            log.warning("the verdicts are not of one version: %s", facts["asked"])
         if cfg.seed not in (None, facts["seed"]):
             raise InputError(
                 f"seed = {cfg.seed}: folder = {folder} holds the trial of seed {facts['seed']}; set "
@@ -112,8 +123,14 @@ def _check(cfg: DictConfig) -> None:
     for name in ("parallel", "time_limit"):
         whole(cfg[name], name, 1)
     whole(cfg.seed, "seed", 0, null=True)
+    for name in ("folder", "sealed"):
+        if not isinstance(cfg[name], str):
+            raise InputError(f"{name} = {cfg[name]!r} is no folder; set {name} to the path of one")
+    if not isinstance(cfg.scope, DictConfig):
+        raise InputError(f"scope = {cfg.scope!r} says nothing of how cases are drawn; set scope.cases alone")
     if not isinstance(cfg.retry, bool):
         raise InputError(f"retry = {cfg.retry!r} is neither true nor false; change retry")
+    _check_readme(cfg)
     _check_history(cfg.history, cfg.results)
     if cfg.stage == "pool" and cfg.results is None:
         raise InputError("stage = pool writes its result to results, which is null; set results to a file")
@@ -132,8 +149,10 @@ def _score(
     summary = {"date": date.today().isoformat()} | facts | summarise(rows)
     for name, figure in {
         "power": pictures.power(rows, summary["power"]),
+        "power_by_effect": pictures.power_by_effect(summary["power_by_effect"]),
         "confusion": pictures.confusion(summary["confusion"]),
         "estimates": pictures.estimates(rows),
+        "curves": pictures.curves(rows),
     }.items():
         for folder in folders:
             folder.mkdir(parents=True, exist_ok=True)
@@ -194,6 +213,18 @@ def _publish(content: dict[str, Any], text: str, block: str, results: str | None
         write_json(Path(results), content)
     if readme is not None:
         _renew(Path(readme), block, text)
+
+
+def _check_readme(cfg: DictConfig) -> None:
+    """Whether the page has the marks of every table that it is to get."""
+    if cfg.readme is None or cfg.stage in ("conceal", "diagnose", "baselines"):
+        return
+    if not Path(cfg.readme).is_file():
+        raise InputError(f"readme = {cfg.readme}: there is no such page; change readme")
+    looped = cfg.loop is not None and cfg.stage in ("all", "loop")
+    compared = cfg.baselines and cfg.stage != "pool"
+    for block in ["loop"] if looped else ["trial", *(["baselines"] if compared else [])]:
+        _renewed(Path(cfg.readme), block, "")
 
 
 def _check_history(history: str | None, results: str | None) -> None:

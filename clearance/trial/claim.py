@@ -78,26 +78,24 @@ def _with_clearance(scene: Scene, joint: str, old: float, new: float) -> Scene:
     return replace(scene, state=state)
 
 
-def likeness(
+def beside(
     curve: Mapping[str, Sequence[float]] | None, free_form: Mapping[str, Any] | None
-) -> tuple[float, float] | None:
-    """Correlation of a free-form force with the true one, and its error over that, along the true motion.
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Argument, true force and that of a verdict, (samples,) each, along the true motion.
 
-    The error is a root mean square. 0 and 1 where the verdict has no such force, ``None`` where the truth is
-    no single force.
+    ``None`` where the truth is no single force, or the verdict has none. Of a torque what varies of both: a
+    constant one is the drive's.
 
     Args:
         curve: the true ``force`` and the arguments it may be a function of; see ``simulate.Simulated``.
         free_form: ``argument`` and ``table`` (argument, force) of the verdict; over time ``clocks``, what the
             table's clock shows where each recording begins, and its ``period``.
     """
-    if curve is None:
+    if curve is None or not free_form or free_form.get("argument") not in curve:
         return None
-    if not free_form or free_form.get("argument") not in curve:
-        return NO_CURVE
     table = np.array(free_form["table"], dtype=float)
     if table.ndim != 2 or len(table) < 2 or table.shape[1] < 2:
-        return NO_CURVE
+        return None
     table = table[np.argsort(table[:, 0])]
     argument, force = np.array(curve[free_form["argument"]]), np.array(curve["force"])
     period = free_form.get("period")
@@ -114,6 +112,23 @@ def likeness(
     found = np.interp(argument, table[:, 0], table[:, 1])  # beyond its ends it stays as there
     if free_form.get("direction") == "torque":  # what is constant in one is the drive's: no table has it
         found, force = found - found.mean(), force - force.mean()
+    return argument, force, found
+
+
+def likeness(
+    curve: Mapping[str, Sequence[float]] | None, free_form: Mapping[str, Any] | None
+) -> tuple[float, float] | None:
+    """Correlation of a free-form force with the true one, and its error over that, along the true motion.
+
+    The error is a root mean square. 0 and 1 where the verdict has no such force, ``None`` where the truth is
+    no single force. The arguments are those of ``beside``.
+    """
+    if curve is None:
+        return None
+    both = beside(curve, free_form)
+    if both is None:
+        return NO_CURVE
+    _, force, found = both
     if len(force) < 10 or found.std() == 0.0 or force.std() == 0.0:
         return NO_CURVE
     error = float(np.sqrt(((found - force) ** 2).mean() / (force**2).mean()))

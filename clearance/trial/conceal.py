@@ -3,12 +3,14 @@
 import json
 import os
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
+
+import numpy as np
 
 from clearance.errors import InputError
 from clearance.provenance import describe
@@ -17,7 +19,7 @@ from clearance.trial.exudyn_plant import load_exudyn
 from clearance.trial.plant import write_parquet
 from clearance.trial.seal import TRUTH, close, digest, lock, unlock, write_private
 from clearance.trial.simulate import simulate
-from clearance.whole_files import read_json, write_json
+from clearance.whole_files import read_json, write_atomically, write_json
 
 COMMITMENT, CASES, CASE = "commitment.json", "cases", "case.json"
 _PLAN = "plan.json"
@@ -123,11 +125,12 @@ def _make(
     private = sealed / CASES / f"{index:04d}.json"
     if private.exists():
         found: dict[str, Any] = read_json(private, "sealed")
-        if not all((folder / name).exists() for name in found["recordings"]):
-            raise InputError(
-                f"sealed = {sealed} holds the truth of recordings that are not in folder = {folder}; choose "
-                "another sealed, or the folder where they are"
-            )
+        for name, sha in found["recordings"].items():
+            if not (folder / name).exists() or digest((folder / name).read_bytes()) != sha:
+                raise InputError(
+                    f"sealed = {sealed} holds the truth of recordings that are not in folder = {folder}, or "
+                    f"not as they were ({name}); choose another sealed, or the folder where they are"
+                )
         return found
     for attempt in range(10):
         try:
@@ -142,10 +145,8 @@ def _make(
     place.mkdir(parents=True, exist_ok=True)
     hashes = {}
     for number, table in enumerate(simulated.recordings, 1):
-        path, temporary = place / f"{number}.parquet", place / f".{uuid4().hex}"
-        write_parquet(table, temporary)
-        os.utime(temporary, (0, 0))  # when a file was written tells how long its case took
-        temporary.replace(path)
+        path = place / f"{number}.parquet"
+        write_atomically(path, partial(_write, table))
         hashes[str(path.relative_to(folder))] = digest(path.read_bytes())
     write_json(place / CASE, case.public())
     for one in (place / CASE, place):
@@ -154,3 +155,9 @@ def _make(
     write_private(private, part)
     report(f"{case.name} of {drawing.scope.cases} concealed")
     return part
+
+
+def _write(table: Mapping[str, np.ndarray], path: Path) -> None:
+    """A recording; when it was written would tell how long its case took."""
+    write_parquet(table, path)
+    os.utime(path, (0, 0))

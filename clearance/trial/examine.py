@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ DIAGNOSIS = (sys.executable, "-m", "clearance.diagnose", "workers=1", "finished=
 """The program that is put to the test: on one thread, with nothing kept from another case."""
 _DIAGNOSIS = "diagnosis.json"
 _LOG = "output.txt"
+_LARGEST = 1e100  # that a number of an answer may be
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,8 @@ class Examiner:
     time_limit: float = 600.0
     retry: bool = False
 
-    @cached_property
     def asked(self) -> dict[str, Any]:
-        """What is put to the test, and how: a result says it."""
+        """What is put to the test now, and how: a result says it of each case."""
         words = ["python" if word == sys.executable else word for word in self.program]
         return {
             "program": " ".join([*words, *self.arguments]), "time_limit": self.time_limit,
@@ -115,7 +114,7 @@ class Examiner:
         tries = _tries(place / VERDICT)
         for outdated in (_DIAGNOSIS, CORRECTED):
             (place / outdated).unlink(missing_ok=True)
-        began = time.monotonic()
+        asked, began = self.asked(), time.monotonic()
         with (place / _LOG).open("wb") as log:
             process = subprocess.Popen(
                 self.command(folder, name), stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
@@ -146,7 +145,7 @@ class Examiner:
                 "failure": failure,
                 "diagnosis": diagnosis,
                 "corrected": corrected,
-                "asked": self.asked,
+                "asked": asked,
             },
         )
         report(f"{name}: {diagnosis['verdict'] if diagnosis else failure} ({seconds:.0f} s)")
@@ -192,8 +191,9 @@ def _unlike_a_diagnosis(content: Any) -> str | None:
         return "has no fit.held_out whose before, after and floor are numbers or null"
     if held.get("after") is not None and not (held.get("floor") or 0.0) > 0.0:
         return "has no fit.held_out.floor above 0 beside fit.held_out.after"
-    if not isinstance(held.get("shares", {}), dict):
-        return "has fit.held_out.shares that are no mapping"
+    shares = held.get("shares", {})
+    if not isinstance(shares, dict) or not all(map(_is_number, shares.values())):
+        return "has fit.held_out.shares that are no mapping to numbers"
     if not _numbers_or_null(content, "peak_memory_mib"):
         return "has a peak_memory_mib that is no number"
     if not isinstance(clearance, dict) or "after_m" not in clearance:
@@ -243,8 +243,8 @@ def _are_numbers(values: Any) -> bool:
 
 
 def _is_number(value: Any) -> bool:
-    """One that a float holds: JSON's may have any number of digits."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    """One whose square a float holds: JSON's may have any number of digits."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST
 
 
 def _numbers_or_null(given: dict[str, Any], *keys: str) -> bool:

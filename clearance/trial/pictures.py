@@ -51,15 +51,7 @@ def power(rows: Sequence[Row], bins: Sequence[Mapping[str, Any]]) -> Figure:
     beside.set_yticks(range(len(labels)), [f"{sum(one)} of {len(one)}" for one in above], fontsize=8)
     beside.set_ylabel("right, above the threshold", fontsize=8)
     axes.legend(loc="lower left", fontsize=8)
-    for state in ("right", "detected"):
-        known = [one for one in bins if one[state]["of"]]
-        middle = [np.sqrt(max(one["from"], 0.05) * (one["to"] or 4.0 * one["from"])) for one in known]
-        rates = np.array([[one[state][k] for k in ("rate", "low", "high")] for one in known]).reshape(-1, 3)
-        spans = np.abs(rates[:, 1:] - rates[:, :1]).T
-        curve.errorbar(
-            middle, rates[:, 0], spans, fmt="o-", markersize=4, capsize=2, color=_COLOURS[state], label=state
-        )
-    curve.axvline(1.0, color="black", linewidth=1, linestyle=":")
+    _curves_of_power(curve, bins)
     curve.set(xlabel="change over the detection threshold", ylabel="share of the cases", ylim=(-0.03, 1.03))
     curve.legend(loc="lower right", fontsize=8)
     return figure
@@ -111,6 +103,52 @@ def estimates(rows: Sequence[Row]) -> Figure:
     return figure
 
 
+def power_by_effect(bins: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
+    """Shares detected and right of each effect and fault, against how plainly it shows.
+
+    Args:
+        bins: ``power_by_effect`` of the summary, with exact intervals.
+    """
+    shown = sorted(bins, key=_order)
+    columns = 6
+    lines = max(1, -(-len(shown) // columns))
+    figure = new_figure(2.3 * columns, 1.9 * lines + 0.5)
+    panels = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for axes, name in zip(panels, shown, strict=False):
+        _curves_of_power(axes, bins[name])
+        axes.set(xscale="log", ylim=(-0.05, 1.05))
+        axes.set_title(name, fontsize=8)
+        axes.tick_params(labelsize=7)
+    for axes in panels[len(shown) :]:
+        axes.set_axis_off()
+    figure.supxlabel("change over the detection threshold", fontsize=9)
+    figure.supylabel("share of the cases, with exact 95 % intervals", fontsize=9)
+    if shown:
+        handles, names = panels[0].get_legend_handles_labels()
+        figure.legend(handles, names, loc="upper right", ncols=2, fontsize=8, frameon=False)
+    return figure
+
+
+def curves(rows: Sequence[Row]) -> Figure:
+    """Forces of free form beside the true ones, over what the verdict says that they are functions of."""
+    shown = [row for row in rows if row.get("curve") and row["visible"]]
+    columns = max(1, min(len(shown), 5))
+    lines = max(1, -(-len(shown) // columns))
+    figure = new_figure(2.8 * columns, 2.4 * lines)
+    if not shown:
+        figure.text(0.5, 0.5, "no force of free form was found where it acts", ha="center", fontsize=8)
+    for place, row in enumerate(shown, 1):
+        axes = figure.add_subplot(lines, columns, place)
+        curve = row["curve"]
+        axes.plot(curve["argument"], curve["true"], ".", markersize=4, color="#888888", label="true")
+        axes.plot(curve["argument"], curve["found"], color=_COLOURS["right"], linewidth=1.2, label="found")
+        axes.set_title(f"{_label(row)}\ncorrelation {row['curve_correlation']:.3f}", fontsize=8)
+        axes.tick_params(labelsize=7)
+        if place == 1:
+            axes.legend(fontsize=7, frameon=False)
+    return figure
+
+
 def loop(rows: Sequence[Row]) -> Figure:
     """Clearances that estimators read, against the true ones: one panel a case."""
     columns = min(len(rows), 4)
@@ -127,6 +165,19 @@ def loop(rows: Sequence[Row]) -> Figure:
         if place == 1:
             axes.legend(frameon=False, fontsize="small")
     return figure
+
+
+def _curves_of_power(axes: Axes, bins: Sequence[Mapping[str, Any]]) -> None:
+    """Right and detected by visibility, with exact intervals; the threshold dotted."""
+    for state in ("detected", "right"):
+        known = [one for one in bins if one[state]["of"]]
+        middle = [np.sqrt(max(one["from"], 0.05) * (one["to"] or 4.0 * one["from"])) for one in known]
+        rates = np.array([[one[state][k] for k in ("rate", "low", "high")] for one in known]).reshape(-1, 3)
+        spans = np.abs(rates[:, 1:] - rates[:, :1]).T
+        axes.errorbar(
+            middle, rates[:, 0], spans, fmt="o-", markersize=4, capsize=2, color=_COLOURS[state], label=state
+        )
+    axes.axvline(1.0, color="black", linewidth=1, linestyle=":")
 
 
 def _errors(axes: Axes, found: Sequence[Mapping[str, Any]], true: Sequence[float], title: str) -> None:

@@ -22,7 +22,7 @@ def pool(results: Sequence[Path]) -> tuple[dict[str, Any], list[dict[str, Any]]]
 
     Raises:
         InputError: if there is nothing to add, a file is no result with rows, a trial comes twice, or cases
-            were drawn in another way.
+            were drawn or asked in another way.
     """
     found = [read_json(path, "pooled") for path in results]
     if not found:
@@ -36,6 +36,11 @@ def pool(results: Sequence[Path]) -> tuple[dict[str, Any], list[dict[str, Any]]]
             raise InputError(
                 f"{path}: its cases were drawn in another way than those of {results[0]}, so that no rate "
                 "over both has a meaning; change pooled"
+            )
+        if _asking(one) != _asking(found[0]):
+            raise InputError(
+                f"{path}: another program, or with another limit of time, was put to the test than in "
+                f"{results[0]}, so that no rate over both has a meaning; change pooled"
             )
     trials = [{key: one[key] for key in _FACTS} for one in found]
     rows = [row | {"name": f"{one['seed']}/{row['name']}"} for one in found for row in one["rows"]]
@@ -57,6 +62,11 @@ def _require_whole(path: Path, one: dict[str, Any]) -> None:
             f"{path}: {old[0]} does not say what was rightly named, as rows of older versions; reveal that "
             "trial again, or leave it out of pooled"
         )
+
+
+def _asking(one: dict[str, Any]) -> set[tuple[str, float]]:
+    """What was put to the test, and its limits of time [s], whatever its version."""
+    return {(each["program"], each["time_limit"]) for each in one["asked"]}
 
 
 def _drawing(one: dict[str, Any]) -> dict[str, Any]:

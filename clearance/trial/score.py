@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 
 from clearance.trial.case import UNNAMED, Case
-from clearance.trial.claim import NO_CURVE, left_over, likeness
+from clearance.trial.claim import NO_CURVE, beside, left_over, likeness
 from clearance.trial.repertoire import EFFECTS, FORCES, PLACES, Place
 from clearance.trial.reveal import Revealed
 
 _TURNING = ("phase",)  # parameters that repeat after 2π
+_POINTS = 64  # of a curve that are kept
 _SPREAD = "nearest models"  # what a clearance rests on whose span is no 95 % interval
 
 
@@ -47,6 +48,7 @@ def score_case(one: Revealed) -> dict[str, Any]:
         "clearance": _clearance(case, said["clearance"]),
         "held_out": _held_out(said["fit"]["held_out"]),
         **_likeness(likeness(one.secrets["curve"], _curve_of(case, said)) if asked else None),
+        "curve": _points(one.secrets["curve"], _curve_of(case, said)) if asked else None,
         "left_over": left_over(case, one.secrets, said),
     }
     why = _why(case, row)
@@ -128,6 +130,21 @@ def _places_right(case: Case, said: Mapping[str, Any]) -> dict[str, bool | None]
 def _likeness(alike: tuple[float, float] | None) -> dict[str, float | None]:
     correlation, error = (None, None) if alike is None else alike
     return {"curve_correlation": correlation, "curve_error": error}
+
+
+def _points(
+    true: Mapping[str, Sequence[float]], found: Mapping[str, Any] | None
+) -> dict[str, list[float]] | None:
+    """Some of the points at which two forces are compared, by their argument; enough for a picture."""
+    both = beside(true, found)
+    if both is None or len(both[0]) == 0:
+        return None
+    order = np.argsort(both[0])
+    some = order[np.linspace(0, len(order) - 1, min(_POINTS, len(order))).round().astype(int)]
+    return {
+        name: [float(f"{value:.4g}") for value in values[some]]
+        for name, values in zip(("argument", "true", "found"), both, strict=True)
+    }
 
 
 def _curve_of(case: Case, said: Mapping[str, Any]) -> Mapping[str, Any] | None:

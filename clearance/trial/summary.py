@@ -283,7 +283,7 @@ _ROWS: tuple[tuple[str, str, str, _Show], ...] = (
     ("error of the free-form force", "curve_error", "", _error_cells),
     ("parameters inside their 95 % intervals", "parameter_coverage", "90 to 98 %", _rate_cells),
     ("clearance inside its 95 % interval, right verdicts", "clearance_coverage", "90 to 98 %", _rate_cells),
-    ("the same, wrong verdicts included", "clearance_coverage_of_all", "", _rate_cells),
+    ("the same, of all verdicts that give one", "clearance_coverage_of_all", "", _rate_cells),
     ("error of the parameters", "parameter_error", "", _error_cells),
     ("error of the clearance, before, right verdicts", "clearance_error_before", "", _error_cells),
     ("error of the clearance, after, right verdicts", "clearance_error", "", _error_cells),

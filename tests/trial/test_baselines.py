@@ -88,11 +88,11 @@ def test_features_tell_a_machine_of_another_gain(recorded):
 
 def test_a_sparse_model_names_the_term_that_explains_most(recorded):
     pytest.importorskip("pysindy")
-    said = sparse.judge(bench(with_gain(recorded, "rod_c_axial", 0.8), 60.0), load_effects())
+    said = sparse.judge(bench(with_gain(recorded, "rod_c_axial", 0.8)), load_effects())
     (effect,) = said["effects"]
     assert (effect["name"], effect["channel"]) == ("sensor_gain", "rod_c_axial")
     without = sparse.judge(
-        bench(with_gain(recorded, "rod_c_axial", 0.8), 60.0), load_effects(without=["sensor_gain"])
+        bench(with_gain(recorded, "rod_c_axial", 0.8)), load_effects(without=["sensor_gain"])
     )
     assert (without["verdict"], without["mismatch"]["body"]) == ("unknown", "rod")
 

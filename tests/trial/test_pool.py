@@ -71,7 +71,7 @@ def test_one_command_makes_result_table_and_pictures(published, monkeypatch, cap
     count = f"{result['body']['count']} of {result['body']['of']}"
     assert f"| body right | {count} " in (tmp_path / "page.md").read_text()
     assert {path.name for path in (tmp_path / "pictures").iterdir()} == {
-        "power.png", "confusion.png", "estimates.png"
+        "power.png", "power_by_effect.png", "confusion.png", "estimates.png", "curves.png"
     }  # fmt: skip
 
 
@@ -87,6 +87,10 @@ def test_what_cannot_be_added_up_is_refused(published):
         pool(published)
     write_json(second, content | {"scope": content["scope"] | {"encoder": 0.1}})
     with pytest.raises(InputError, match="drawn in another way"):
+        pool(published)
+    another = [one | {"time_limit": 60.0} for one in content["asked"]]
+    write_json(second, content | {"asked": another})
+    with pytest.raises(InputError, match=r"another program, or with another limit of time"):
         pool(published)
     write_json(second, {key: value for key, value in content.items() if key != "rows"})
     with pytest.raises(InputError, match="has no rows"):

@@ -281,6 +281,14 @@ def test_a_force_outside_the_list():
     assert row["curve_correlation"] > 0.95
     assert row["curve_error"] < 0.3
     assert row["left_over"] is None
+    points = row["curve"]
+    assert points["argument"] == sorted(points["argument"])
+    assert np.corrcoef(points["true"], points["found"])[0, 1] == pytest.approx(
+        row["curve_correlation"], abs=0.05
+    )
+    (panel,) = pictures.curves([row, {**row, "visible": False}]).axes
+    drawn = {line.get_label(): line.get_ydata().tolist() for line in panel.lines}
+    assert drawn == {"true": points["true"], "found": points["found"]}
     larger = {**free, "table": [[x, 10.0 * f] for x, f in free["table"]]}
     large = scored(FORCE, {**said, "free_form": larger}, secrets)
     assert large["curve_correlation"] == pytest.approx(row["curve_correlation"])
@@ -389,6 +397,12 @@ def test_a_power_curve_counts_each_case_in_the_bin_of_its_visibility(secrets):
         one.get_label(): sorted(np.asarray(one.get_offsets())[:, 0].tolist()) for one in lines.collections
     }
     assert places == {"right": [0.7, 1.5, 30.0], "detected": [], "missed": [1.9]}
+    by_effect = summarise([*rows, missed])["power_by_effect"]
+    (panel, *unused) = pictures.power_by_effect(by_effect).axes
+    assert panel.get_title() == "guide_friction"
+    assert not any(axes.axison for axes in unused)
+    (right,) = [one for one in panel.containers if one.get_label() == "right"]
+    assert right.lines[0].get_ydata().tolist() == [1.0, 0.5, 1.0]
     (beside,) = lines.child_axes
     assert [one.get_text() for one in beside.get_yticklabels()] == ["3 of 4"]
 
@@ -411,6 +425,7 @@ def test_a_result_is_plain_data_with_tables_and_pictures(trial, tmp_path):
         pictures.power(rows, summary["power"]),
         pictures.confusion(summary["confusion"]),
         pictures.estimates(rows),
+        pictures.power_by_effect(summary["power_by_effect"]),
     ):
         figure.savefig(tmp_path / "a.png")
         assert (tmp_path / "a.png").stat().st_size > 5000
@@ -468,7 +483,7 @@ def test_a_small_trial_of_the_tool_itself(tmp_path):
     assert summary["without_verdict"] == 0
     for score, expected in (("false_alarms", 0), ("first_and_alone", 1), ("unknown_with_body", 1)):
         assert (summary[score]["count"], summary[score]["of"]) == (expected, 1), score
-    for name in ("power", "confusion", "estimates"):
+    for name in ("power", "power_by_effect", "confusion", "estimates", "curves"):
         picture = (tmp_path / f"trial/{name}.png").read_bytes()
         assert len(picture) > 5000
         assert (tmp_path / f"published/7/{name}.png").read_bytes() == picture

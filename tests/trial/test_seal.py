@@ -129,6 +129,30 @@ def test_an_interrupted_concealment_goes_on_with_the_same_cases(tmp_path):
     assert seed >= 2**16  # drawn by the system, and in nobody's configuration
 
 
+def test_a_recording_that_a_loss_of_power_has_cut_is_noticed_before_it_is_diagnosed(trial):
+    unlock(trial.sealed)
+    part = json.loads((trial.sealed / TRUTH).read_text())["cases"][0]
+    assert all((trial.folder / name).stat().st_size > 1000 for name in part["recordings"])
+    (trial.sealed / TRUTH).unlink()
+    (trial.folder / COMMITMENT).unlink()
+    name = next(iter(part["recordings"]))
+    (trial.folder / name).write_bytes((trial.folder / name).read_bytes()[:1000])
+    with pytest.raises(InputError, match=rf"not as they were \({name}\); choose another sealed"):
+        conceal(SCOPE, None, trial.folder, trial.sealed, 1, lambda line: None)
+
+
+def test_each_case_says_which_version_was_asked(trial, monkeypatch):
+    """One that goes on after its sources were changed is of two versions, and a result says so."""
+    monkeypatch.setattr("clearance.trial.examine.revision", lambda: "before")
+    trial.answer({"case_0001": "fail"})
+    trial.examine()
+    monkeypatch.setattr("clearance.trial.examine.revision", lambda: "after")
+    trial.answer({})
+    trial.examine(retry=True)
+    facts, _ = reveal(trial.folder, trial.sealed)
+    assert [one["revision"] for one in facts["asked"]] == ["after", "before"]
+
+
 def test_files_tell_their_shape_and_nothing_else(trial):
     """Of the same shape: the same size to the byte, whatever is in it; no metadata, no time."""
     words = [*EFFECTS, *FAULTS, "seed", "visibility"]
@@ -337,6 +361,11 @@ def test_what_failed_is_not_tried_again_after_the_reveal(trial):
             {"fit": {"held_out": {"before": 1.0, "after": 1.0, "floor": 1.0, "shares": ["a"]}}},
             "has fit.held_out.shares that are no mapping",
         ),
+        (
+            {"fit": {"held_out": {"before": 1.0, "after": 1.0, "floor": 1.0, "shares": {"a": "half"}}}},
+            "has fit.held_out.shares that are no mapping to numbers",
+        ),
+        ({"clearance": {"after_m": 1e200}}, "are not all numbers"),
     ],
 )
 def test_an_answer_that_cannot_be_scored_is_a_failure_of_its_case(trial, changes, said):
@@ -411,6 +440,13 @@ def test_killed_and_resumed_nothing_is_asked_twice(trial, how):
         ("arguments=[time_limit=400]", "a value with = needs quotes"),
         ("pictures=a.png", "pictures = a.png: is a file; set pictures to a folder"),
         ("history=page.md", "history = page.md lists .* beside results, which is None; set results"),
+        ("shard=1/2", "shard = 1/2: cases are diagnosed in parts, .* set stage=diagnose, or shard=1/1"),
+        ("stage=baselines", r"stage = baselines runs those of baselines, which is \[\]; list trajectory"),
+        ("folder=7", "folder = 7 is no folder; set folder to the path of one"),
+        ("sealed=null", "sealed = None is no folder; set sealed to the path of one"),
+        ("scope=null", "scope = None says nothing of how cases are drawn; set scope.cases alone"),
+        ("readme=page.md", "readme = page.md: there is no such page; change readme"),
+        ("readme=a.png", "readme lacks the lines .*trial.* in this order"),
     ],
 )
 def test_a_wrong_input_is_one_line(monkeypatch, capfd, tmp_path, override, words):

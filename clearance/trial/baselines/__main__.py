@@ -22,7 +22,7 @@ log = logging.getLogger(__name__)
 
 METHODS = {
     "trajectory": (trajectory.judge, FIT + JUDGED),
-    "sparse": (sparse.judge, 60.0),
+    "sparse": (sparse.judge, FIT + JUDGED),
     "two_sample": (two_sample.judge, 60.0),
 }
 """How each judges, and of how many seconds of each recording."""

@@ -21,7 +21,6 @@ from clearance.trial.baselines.runs import Bench, Track
 _SMOOTH = 2e-3  # s, over which both sides are averaged: impacts come at other instants in the recording
 _THRESHOLD = 0.1  # coefficients below are zero; both sides have standard deviation one
 _GAIN = 0.05  # share of the residual's squares, in samples that were not fitted, that a model must explain
-_TRAINED = 2.0 / 3.0  # of the samples
 _OF_TERMS: Mapping[str, str] = {
     "own signal": "sensor_gain", "own rate": "sensor_delay", "other axis": "sensor_misalignment",
     "one": "sensor_bias", "sign of the slider's velocity": "guide_friction",
@@ -55,9 +54,8 @@ def _model(bench: Bench, signals: list[np.ndarray], channel: str) -> tuple[float
     fitted, judged = [], []
     for one, simulated in zip(bench.tracks, signals, strict=True):
         terms, left = _library(one, simulated, channel)
-        cut = round(_TRAINED * len(left))
-        fitted.append((terms[:cut], left[:cut]))
-        judged.append((terms[cut:], left[cut:]))
+        fitted.append((terms[: one.fitted], left[: one.fitted]))
+        judged.append((terms[one.fitted :], left[one.fitted :]))
     terms, left = (np.concatenate(part) for part in zip(*fitted, strict=True))
     scale = np.maximum(np.sqrt((terms**2).mean(axis=0)), 1e-12)
     size = max(float(left.std()), 1e-12)
