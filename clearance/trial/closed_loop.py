@@ -334,9 +334,11 @@ def _closed(error: Mapping[str, float], name: str) -> float | None:
 
 
 def summarise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Mean errors over all cases, and the share of the mean gap that was closed."""
+    """Mean errors over all cases, the share of the mean gap that was closed, and the mean of their shares."""
     error = {name: float(np.mean([row["error"][name] for row in rows])) for name in ESTIMATORS}
+    shares = [row["closed"] for row in rows if row["closed"] is not None]
     return {
+        "mean_of_shares": float(np.mean(shares)) if shares else None,
         "cases": len(rows), "error": error, "closed": _closed(error, "corrected"),
         "closed_by_random": _closed(error, "random"),
     }  # fmt: skip
@@ -361,9 +363,11 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 def _line(label: str, said: str, row: Mapping[str, Any], own: float | None) -> str:
     error, closed, by_random = row["error"], row["closed"], row.get("closed_by_random")
     random = f"{error['random']:.2f} %" + ("" if by_random is None else f" (closes {by_random:.0%})")
+    shares = row.get("mean_of_shares")
     cells = [
         label, said, *(f"{error[name]:.2f} %" for name in ("nominal", "corrected", "true")),
-        "" if closed is None else f"{closed:.0%}", random,
+        ("" if closed is None else f"{closed:.0%}") + ("" if shares is None else f" (shares: {shares:.0%})"),
+        random,
         "" if own is None else f"{own:.3f} %",
     ]  # fmt: skip
     return f"| {' | '.join(cells)} |"

@@ -170,7 +170,12 @@ def test_the_share_of_the_gap_to_the_floor_is_what_was_closed():
     total = summarise(rows)
     assert total["error"]["nominal"] == pytest.approx(22.0)
     assert (total["closed"], total["closed_by_random"]) == pytest.approx((0.9, 0.5))
-    assert "| mean |  | 22.00 % | 4.00 % | 2.00 % | 90% | 12.00 % (closes 50%) | 10.000 % |" in table(rows)
+    line = "| mean |  | 22.00 % | 4.00 % | 2.00 % | 90% (shares: 90%) | 12.00 % (closes 50%) | 10.000 % |"
+    assert line in table(rows)
+    open_still = {name: read(true + e) for name, e in (off | {"corrected": off["nominal"]}).items()}
+    total = summarise([*rows, score(revealed(HEAVY), true, open_still, loop)])
+    assert total["closed"] == pytest.approx(0.72)  # a wide gap weighs more
+    assert total["mean_of_shares"] == pytest.approx(0.6)
     equal = score(revealed(HEAVY), true, dict.fromkeys(off, read(true + 1e-6)), LOOP)
     assert equal["closed"] is None
     failed = replace(revealed(HEAVY), diagnosis=None, failure="exit | code")
