@@ -1,8 +1,11 @@
 """The score: counts that are known in advance, and errors of the tool that it must notice."""
 
 import json
+import shutil
 import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,10 +14,14 @@ from clearance.evaluation.results import marks
 from clearance.trial import pictures
 from clearance.trial.case import Case, Session
 from clearance.trial.claim import NO_CURVE, likeness
+from clearance.trial.conceal import COMMITMENT
+from clearance.trial.examine import DIAGNOSIS, VERDICT, VERDICTS, Examiner
 from clearance.trial.reveal import Revealed, reveal
 from clearance.trial.score import parameters, score_case
+from clearance.trial.seal import unlock
 from clearance.trial.simulate import simulate
 from clearance.trial.summary import failures, history, rate, summarise, table
+from clearance.whole_files import read_json
 from tests.command_line import ROOT, command, environment
 from tests.trial.tool import verdict
 
@@ -451,40 +458,95 @@ def test_a_trial_without_a_case_of_a_kind_is_listed_too(secrets):
     assert row.endswith("| none | 10 s |")
 
 
-def test_a_small_trial_of_the_tool_itself(tmp_path):
-    """One null, one effect, one force outside the list: concealed, diagnosed where no truth lies, scored."""
-    settings = (
-        "seed=7", "folder=trial", "sealed=sealed", "parallel=2", "time_limit=600", "hydra.run.dir=run",
-        "scope.cases=3", "scope.shares={none: 1, effect: 1, instrument: 0, pair: 0, outside: 1, left_out: 0}",
-        "scope.items=[gravity,slider_by_position]", "scope.sizes=[2]", "scope.seconds=[0.5,0.5]",
-        "scope.recordings=1",
-        "scope.noise=[[0.01,1]]", "scope.sensors={all: 1, seven: 0, rod: 0}", "scope.encoder=1",
-        "scope.known_frame=0", "scope.clearance_range=[5e-5,2e-4]", "results=published/trial-7.json",
-        "history=page.md", "pictures=published/7",
-        'arguments=["time_limit=600","hypotheses=[gravity,contact_stiffness,restitution,sensor_gain]"]',
+ARGUMENTS = ["time_limit=600", "hypotheses=[gravity,contact_stiffness,restitution,sensor_gain]"]
+SMALL = (
+    "seed=7", "folder=trial", "sealed=sealed", "parallel=2", "time_limit=600", "hydra.run.dir=run",
+    "scope.cases=3", "scope.shares={none: 1, effect: 1, instrument: 0, pair: 0, outside: 1, left_out: 0}",
+    "scope.items=[gravity,slider_by_position]", "scope.sizes=[2]", "scope.seconds=[0.5,0.5]",
+    "scope.recordings=1",
+    "scope.noise=[[0.01,1]]", "scope.sensors={all: 1, seven: 0, rod: 0}", "scope.encoder=1",
+    "scope.known_frame=0", "scope.clearance_range=[5e-5,2e-4]", "results=published/trial-7.json",
+    "history=page.md", "pictures=published/7",
+    f"arguments={json.dumps(ARGUMENTS)}",
+)  # fmt: skip
+
+
+def ran(home, stage):
+    done = subprocess.run(
+        command("trial", *SMALL, f"stage={stage}"), cwd=home, env=environment(), capture_output=True,
+        text=True,
     )  # fmt: skip
-    (tmp_path / "page.md").write_text("\n".join(marks("trials", "trial")))
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
-    def run(stage):
-        done = subprocess.run(
-            command("trial", *settings, f"stage={stage}"), cwd=tmp_path, env=environment(),
-            capture_output=True, text=True,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        return done.stdout
 
-    assert "commitment SHA-256" in run("conceal")
-    (tmp_path / "sealed").rename(tmp_path / "gone")
-    run("diagnose")
-    (tmp_path / "gone").rename(tmp_path / "sealed")
-    assert "verdicts committed" in run("reveal")
-    summary = json.loads((tmp_path / "published/trial-7.json").read_text())
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """One null, one effect, one force outside the list: concealed, diagnosed where no truth lies, scored."""
+    home = tmp_path_factory.mktemp("small")
+    (home / "page.md").write_text("\n".join(marks("trials", "trial")))
+    assert "commitment SHA-256" in ran(home, "conceal")
+    (home / "sealed").rename(home / "gone")
+    ran(home, "diagnose")
+    (home / "gone").rename(home / "sealed")
+    assert "verdicts committed" in ran(home, "reveal")
+    yield home
+    unlock(home / "sealed")
+
+
+def alone(small, home, kind):
+    """A trial of the one case of a kind, not diagnosed yet."""
+    (row,) = [
+        row for row in json.loads((small / "trial/result.json").read_text())["rows"] if row["kind"] == kind
+    ]
+    shutil.copytree(small / "trial/cases" / row["name"], home / "cases" / row["name"])
+    shutil.copy(small / "trial" / COMMITMENT, home)
+    return row
+
+
+def test_a_small_trial_of_the_tool_itself(small):
+    summary = json.loads((small / "published/trial-7.json").read_text())
     assert summary["seed"] == 7
     assert summary["without_verdict"] == 0
     for score, expected in (("false_alarms", 0), ("first_and_alone", 1), ("unknown_with_body", 1)):
         assert (summary[score]["count"], summary[score]["of"]) == (expected, 1), score
     for name in ("power", "power_by_effect", "confusion", "estimates", "curves"):
-        picture = (tmp_path / f"trial/{name}.png").read_bytes()
+        picture = (small / f"trial/{name}.png").read_bytes()
         assert len(picture) > 5000
-        assert (tmp_path / f"published/7/{name}.png").read_bytes() == picture
-    assert "| [7](published/trial-7.json) | 3 | 0 | 0 of 1 | 1 of 1 |" in (tmp_path / "page.md").read_text()
+        assert (small / f"published/7/{name}.png").read_bytes() == picture
+    assert "| [7](published/trial-7.json) | 3 | 0 | 0 of 1 | 1 of 1 |" in (small / "page.md").read_text()
+
+
+def test_the_tool_says_the_same_where_the_truth_can_be_read(small, tmp_path):
+    """The first time it was gone; now it lies open beside the recordings."""
+    row = alone(small, tmp_path, "none")
+    unlock(small / "sealed")
+    shutil.copytree(small / "sealed", tmp_path / "sealed")
+    Examiner(DIAGNOSIS, ARGUMENTS).examine(tmp_path, 1, lambda line: None)
+    first, second = (
+        json.loads(path.read_text().replace(str(path.parents[2]), ""))
+        for path in (home / VERDICTS / row["name"] / "diagnosis.json" for home in (small / "trial", tmp_path))
+    )
+    changing = ("seconds", "peak_memory_mib")
+    assert {k: v for k, v in first.items() if k not in changing} == {
+        k: v for k, v in second.items() if k not in changing
+    }
+
+
+@pytest.mark.slow
+def test_a_name_that_is_wrong_in_the_tool_lowers_its_score(small, tmp_path):
+    """The tool itself, whose law of gravity goes by another name, asked about the machine with gravity."""
+    row = alone(small, tmp_path, "effect")
+    assert row["named_or_equivalent"]
+    program = [sys.executable, str(Path(__file__).with_name("planted.py")), "workers=1", "finished=null"]
+    Examiner(program, ARGUMENTS).examine(tmp_path, 1, lambda line: None)
+    said = read_json(tmp_path / VERDICTS / row["name"] / VERDICT)
+    assert said["failure"] is None
+    _, cases = reveal(small / "trial", small / "sealed")
+    (one,) = [one for one in cases if one.case.name == row["name"]]
+    planted = score_case(replace(one, diagnosis=said["diagnosis"]))
+    assert planted["named"] == ["slider_offset"]
+    assert not planted["right"]
+    assert planted["spurious"]
+    wrong = summarise([planted])
+    assert wrong["named_or_equivalent"]["count"] == wrong["claims_borne_out"]["count"] == 0
