@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
+
 from clearance.errors import InputError
 from clearance.processes import end, environment, quoted
 from clearance.provenance import revision
@@ -23,7 +25,7 @@ CORRECTED = "corrected.yaml"
 DIAGNOSIS = (sys.executable, "-m", "clearance.diagnose", "workers=1", "finished=null")
 """The program that is put to the test: on one thread, with nothing kept from another case."""
 _DIAGNOSIS = "diagnosis.json"
-_LOG = "output.txt"
+_LOG, _LOCK = "output.txt", ".asked"
 _LARGEST = 1e100  # that a number of an answer may be
 
 
@@ -56,7 +58,7 @@ class Examiner:
     def examine(
         self, folder: Path, parallel: int, report: Callable[[str], None], shard: tuple[int, int] = (1, 1)
     ) -> None:
-        """Put every case to the tool that has no outcome yet.
+        """Put every case to the tool that has no outcome yet, and that no other process is asking.
 
         Args:
             folder: of the trial.
@@ -111,6 +113,18 @@ class Examiner:
     ) -> None:  # fmt: skip
         place = folder / self.verdicts / name
         place.mkdir(parents=True, exist_ok=True)
+        try:
+            with FileLock(place / _LOCK, timeout=0):
+                if not self._done(place):
+                    self._ask_alone(folder, name, running, stopped, report)
+        except Timeout:
+            report(f"{name}: another process is asking")
+
+    def _ask_alone(
+        self, folder: Path, name: str, running: set[subprocess.Popen[bytes]], stopped: threading.Event,
+        report: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        place = folder / self.verdicts / name
         tries = _tries(place / VERDICT)
         for outdated in (_DIAGNOSIS, CORRECTED):
             (place / outdated).unlink(missing_ok=True)

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from filelock import FileLock
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 
@@ -195,6 +196,16 @@ def test_a_case_that_is_begun_as_a_trial_is_stopped_is_ended_and_asked_again_ano
     assert time.monotonic() - began < 20.0
     assert not running
     assert not (trial.folder / VERDICTS / "case_0001" / VERDICT).exists()
+
+
+def test_a_case_that_another_process_is_asking_is_left_to_it(trial):
+    place = trial.folder / VERDICTS / "case_0002"
+    place.mkdir(parents=True)
+    with FileLock(place / ".asked"):
+        trial.examine()
+    assert sorted(trial.asked()) == ["case_0001", "case_0003", "case_0004"]
+    trial.examine()
+    assert trial.asked()[3:] == ["case_0002"]
 
 
 def test_the_truth_is_not_needed_for_the_verdicts(trial):
