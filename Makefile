@@ -29,7 +29,7 @@ diagnose: $(READY)  ## demonstrate the diagnosis on a simulated machine with fri
 trial: $(READY)  ## diagnose 12 machines whose truth is sealed, then reveal and score (about 30 minutes on two cores)
 	$(RUN) clearance.trial
 
-study: $(READY)  ## the paper's tables and figures, as far as budget=2h goes: docs/results/study/SCALE/RESULTS.md; again to go on; scale=paper for all of it
+study: $(READY)  ## the paper's tables and figures, as far as budget=2h goes: docs/results/study/SCALE/RESULTS.md; again to go on; scale=paper is unreduced: months
 	$(RUN) clearance.study budget=$(budget) scale=$(scale)
 
 test: $(READY) lint type arch  ## everything that must pass before a change lands (about 10 minutes on two cores)
