@@ -21,6 +21,7 @@ CONFIGURATION = _HERE / "conf" if (_HERE / "conf").is_dir() else _HERE.parent / 
 """The configuration folder: inside the package in a wheel, beside it in a checkout."""
 
 _MECHANISM_CLASS = re.compile(r"clearance\.mechanism\.\w+\.[A-Z]\w*")
+_REFERENCE = re.compile(r"\$\{\.*[\w.]+\}")  # to another key
 """What a mechanism's file may make objects of: a file that a user names runs no other code.
 
 A name of one of its modules that begins as a class does: no function, and nothing inside what a module
@@ -74,6 +75,11 @@ def _add_mechanism(path: Path) -> str:
         raise InputError(f"mechanism={path}: is no YAML file ({reason}); choose another file") from None
     if not isinstance(content, dict):
         raise InputError(f"mechanism={path}: holds no keys of a mechanism; choose another file")
+    for called in _calls(content):
+        raise InputError(
+            f"mechanism={path}: {called[:60]!r} calls for more than another key's value, as "
+            "${mechanism.rod.length} does; write the value itself"
+        )
     for target in targets(content):
         if not _MECHANISM_CLASS.fullmatch(str(target)):
             raise InputError(
@@ -98,6 +104,18 @@ def set_defaults_of_plugins() -> None:
                 stored = store.load(f"hydra/{group}/{name}.yaml")
                 node = OmegaConf.merge(stored.node, values)
                 store.store(name, node, f"hydra/{group}", stored.package, stored.provider)
+
+
+def _calls(node: Any) -> Iterator[str]:
+    """Texts with more than references to keys: a resolver could make what is not written."""
+    if isinstance(node, str):
+        left = node
+        while left != (left := _REFERENCE.sub("", left)):
+            pass
+        if "${" in left:
+            yield node
+    for value in node.values() if isinstance(node, dict) else node if isinstance(node, list) else ():
+        yield from _calls(value)
 
 
 def targets(node: Any) -> Iterator[Any]:

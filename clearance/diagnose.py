@@ -9,6 +9,7 @@ from math import inf, pi
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
 from hydra.core.hydra_config import HydraConfig
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
@@ -39,7 +40,7 @@ from clearance.recording.correction import corrected
 from clearance.recording.declaration import write_sensors
 from clearance.recording.files import read, recordings_in
 from clearance.recording.position import declared_positions, elsewhere, mounted
-from clearance.recording.recording import Recording
+from clearance.recording.recording import Recording, at_one_rate
 from clearance.whole_files import write_json
 
 log = logging.getLogger(__name__)
@@ -57,6 +58,7 @@ _FASTEST = 20_000.0  # rpm
 _MOST = 999  # simulations: some seconds each
 _BESIDE = """What the accelerometers were found to do.
 As NAME.yaml beside another recording NAME.parquet of theirs it is undone where that is read."""
+_LOCK = ".running"
 _HELD_OUT = 1.0 / 3.0  # of each recording, where no other ones are held out
 
 
@@ -65,6 +67,16 @@ _HELD_OUT = 1.0 / 3.0  # of each recording, where no other ones are held out
 def main(cfg: DictConfig) -> None:
     """Diagnose recordings; write ``diagnosis.json``, ``report.html`` and ``corrected.yaml``."""
     folder = Path(HydraConfig.get().runtime.output_dir)
+    try:
+        with FileLock(folder / _LOCK, timeout=0):
+            _diagnose(cfg, folder)
+    except Timeout:
+        raise InputError(
+            f"hydra.run.dir = {folder}: another diagnosis is writing there; set hydra.run.dir to another"
+        ) from None
+
+
+def _diagnose(cfg: DictConfig, folder: Path) -> None:
     joint = str(cfg.joint.name)
     if joint not in (*JOINTS, UNKNOWN):
         raise InputError(
@@ -222,10 +234,7 @@ def _load(
     tolerances: Tolerances = NOTHING_LEFT_OPEN,
 ) -> tuple[list[Measured], list[Measured]]:
     """Recordings to fit and recordings to judge by, with the channels that say something in all of them."""
-    everything = {**named, **others}
-    rates = {name: recording.rate for name, recording in everything.items()}
-    if len(set(rates.values())) > 1:
-        raise InputError(f"recordings: their rates differ ({rates} Hz); diagnose those of one rate together")
+    everything = at_one_rate({**named, **others})
     shared = [
         c
         for c in next(iter(everything.values())).channels
@@ -312,14 +321,34 @@ def _files(key: str, paths: Any, held_out: Sequence[Path] = ()) -> list[Path]:
             )
         else:
             found.append(path)
+    _require_apart(key, found)
     return found
 
 
+def _require_apart(key: str, files: Sequence[Path]) -> None:
+    """Refuse a file that comes twice, and would count twice, and one whose name no report can say."""
+    known: dict[Path, Path] = {}
+    for file in files:
+        try:
+            str(file).encode()
+        except UnicodeEncodeError:
+            raise InputError(f"{key}: the name {str(file)!r} is no UTF-8; rename the file") from None
+        if (other := known.setdefault(file.resolve(), file)) is not file:
+            raise InputError(f"{key}: {file} and {other} are one file, which would count twice; change {key}")
+
+
 def _read(key: str, files: Sequence[Path]) -> dict[str, Recording]:
-    try:
-        return {str(file): corrected(read(file)) for file in files}
-    except InputError as error:
-        raise InputError(f"{key}: {error}") from error
+    recordings = {}
+    for file in files:
+        try:
+            recordings[str(file)] = read(file)
+        except InputError as error:
+            raise InputError(f"{key}: {error}") from error
+        try:
+            recordings[str(file)] = corrected(recordings[str(file)])
+        except InputError as error:
+            raise InputError(f"{key}: {file}: {error}") from error
+    return recordings
 
 
 def _require_in_place(recordings: dict[str, Recording], machine: SliderCrank) -> None:
@@ -342,6 +371,8 @@ def _write(
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "diagnosis.json").unlink(missing_ok=True)  # an earlier run's, beside which nothing new may lie
     write_mechanism(folder / "corrected.yaml", outcome.machine, "\n".join(outcome.diagnosis["summary"]))
+    for outdated in folder.glob("events.out.tfevents.*"):  # TensorBoard would show both as one
+        outdated.unlink()
     kept = bool(outcome.diagnosis.get("sensors")) and not declared_before
     if kept:
         write_sensors(folder / "sensors.yaml", declared(outcome.diagnosis["sensors"]), _BESIDE)

@@ -71,12 +71,14 @@ def markdown(rows: Sequence[Row]) -> str:
     """The tables, with what they are about; empty where no curve has two points."""
     parts = []
     for curve, own in _drawn(rows):
-        machines = ", ".join(sorted({hardware(row["environment"]) for row in own}))
+        machines = sorted({hardware(row["environment"]) for row in own})
+        computed = "; ".join(machines)
+        which = [f" ({hardware(row['environment'])})" if len(machines) > 1 else "" for row in own]
         lines = [
-            f"By {curve.text}; {_MODEL}, one training each, errors on its test recordings; {machines}.\n",
+            f"By {curve.text}; {_MODEL}, one training each, errors on its test recordings; {computed}.\n",
             f"| {curve.head} | {' | '.join(_HEADS)} |",
             "| --- " * (1 + len(_HEADS)) + "|",
-            *(f"| {row[curve.key]} | {_errors(row)} |" for row in own),
+            *(f"| {row[curve.key]} | {_errors(row, also)} |" for row, also in zip(own, which, strict=True)),
         ]
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)
@@ -119,10 +121,11 @@ def _alike(rows: Sequence[Row], experiment: str) -> list[Row]:
     return list(found.values())
 
 
-def _errors(row: Row) -> str:
+def _errors(row: Row, also: str = "") -> str:
+    """Cells of a line; to the seconds what computed is added where lines differ in it."""
     test = row["test"]
     cells = (
         f"{test['nmae']:.2f} %", f"{test['nrmse']:.2f} %", f"{test['p95_ae'] * 1e6:.1f} µm",
-        f"{test['recording_nmae']:.3f} %", f"{row['training_seconds'] / 60:.1f} min",
+        f"{test['recording_nmae']:.3f} %", f"{row['training_seconds'] / 60:.1f} min{also}",
     )  # fmt: skip
     return " | ".join(cells)

@@ -180,6 +180,13 @@ def _chain(content: Mapping[str, Any]) -> dict[str, float]:
     return chain
 
 
+def require_chain(content: Mapping[str, Any]) -> None:
+    """Refuse a chain, as a file's header has it, whose values are no numbers that a chain can have."""
+    for key, limits in CHAIN_LIMITS.items():
+        if key in content:
+            bounded(content[key], f"chain.{key}", *limits)
+
+
 def _mapping(value: object, key: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise InputError(f"{key}: {str(value)[:60]!r} is not a mapping; give `name: value` pairs")

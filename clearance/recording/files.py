@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from clearance.errors import InputError
 from clearance.recording.bounds import listing, resembling
 from clearance.recording.channels import CHANNELS, TIME, si_factor, si_unit
-from clearance.recording.declaration import Declaration, read_declaration
+from clearance.recording.declaration import Declaration, read_declaration, require_chain
 from clearance.recording.recording import SAME_RATE, Recording
 from clearance.recording.tables import FORMATS, Table, read_table
 from clearance.recording.timing import TimeBase, uniform_time_base
@@ -208,6 +208,7 @@ def _own_header(table: Table) -> dict[str, Any]:
                 raise TypeError(key)
         if not all(isinstance(entry, dict) for entry in metadata.get("sensors", {}).values()):
             raise TypeError("sensors")
+        require_chain(metadata.get("chain", {}))
         return {
             "rate": float(header["rate"]),
             "start_time": float(header["start_time"]),

@@ -7,6 +7,7 @@ It costs the start of a Python process for each file.
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -52,6 +53,8 @@ def datasets(path: Path) -> Datasets:
         )
     except subprocess.TimeoutExpired:
         raise InputError(f"not readable as HDF5 (no end after {_PATIENCE:g} s); export it again") from None
+    if child.returncode == -signal.SIGKILL:
+        raise InputError("not readable as HDF5 (memory ran out); export fewer datasets, or shorter ones")
     if child.returncode != 0:
         reason = f"the HDF5 library stopped with {child.returncode}"
         raise InputError(f"not readable as HDF5 ({reason}); the file is damaged, export it again")

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,9 @@ from clearance.recording.channels import CHANNELS, require_channel
 
 SAME_RATE = 1e-3
 """Relative: clocks of real loggers are better than that."""
+
+ONE_RATE = 1e-4
+"""Relative: stamps of one clock differ by less, through rounding or where an end is counted twice."""
 
 RATE_LIMITS = (
     20.0,
@@ -119,3 +122,22 @@ class Recording:
             f"the recording has no channel {listing(missing)}{hint}; it has {listing(self.channels)}; "
             "choose `sensors` that it has, or name its columns under `columns:` in the YAML beside it"
         )
+
+
+def at_one_rate(recordings: Mapping[str, Recording]) -> dict[str, Recording]:
+    """Recordings by name, of one rate: their mean, where stamps differ by rounding alone.
+
+    Raises:
+        InputError: rates that differ by more than ``ONE_RATE``.
+    """
+    rates = {name: recording.rate for name, recording in recordings.items()}
+    if len(set(rates.values())) < 2:
+        return dict(recordings)
+    mean = sum(rates.values()) / len(rates)
+    if max(rates.values()) - min(rates.values()) > ONE_RATE * mean:
+        listed = ", ".join(f"{name}: {rate:.9g} Hz" for name, rate in rates.items())
+        raise InputError(
+            f"recordings: their rates differ ({listed}); diagnose those of one rate together, or, where one "
+            "clock made them, give `rate:` and `ignore: [time]` in a YAML beside each"
+        )
+    return {name: replace(recording, rate=mean) for name, recording in recordings.items()}

@@ -1,11 +1,13 @@
 """The diagnosis as a user runs it: an effect is named and modelled; where nothing is missing, nothing is."""
 
 import json
+import os
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from filelock import FileLock
 
 from clearance.diagnose import _files, _load, _unused
 from clearance.diagnosis.hypotheses.effect_files import load_effects
@@ -239,7 +241,8 @@ def recordings(tmp_path_factory):
         (("recordings=a.parquet", "tolerances={gain: 0.02}", "simulations=19"), "accelerometers are exact"),
         (("recordings=a.parquet", "sensors=crank"), "change sensors"),
         (("recordings=[a.parquet,crank.parquet]",), "at least one on rod or slider"),
-        (("recordings=[a.parquet,slow.parquet]",), "their rates differ"),
+        (("recordings=[a.parquet,slow.parquet]",), "their rates differ (a.parquet: "),
+        (("recordings=[a.parquet,./a.parquet]",), "count twice; change recordings"),
         (
             ("recordings=moved.parquet",),
             "moved.parquet: sensor rod_c_axial is at 0.1 m, the machine has it at 0.12 m; change mech",
@@ -261,6 +264,20 @@ def test_wrong_inputs_are_one_line(monkeypatch, capfd, recordings, wrong, words)
     assert code == 2
     assert words in said
     assert len(said.strip().splitlines()) == 1
+
+
+def test_a_file_whose_name_no_report_can_say_is_refused_before_anything_is_done(tmp_path):
+    (tmp_path / os.fsdecode(b"messung_\xe4.csv")).write_text("time\n0\n")
+    with pytest.raises(InputError, match=r"recordings: the name .*messung_.*is no UTF-8; rename the file"):
+        _files("recordings", [str(tmp_path)])
+
+
+def test_a_folder_in_which_another_diagnosis_is_writing_is_refused(recordings, monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(recordings)
+    with FileLock(tmp_path / ".running"):
+        code, said = call(monkeypatch, capfd, "diagnose", "recordings=a.parquet", f"hydra.run.dir={tmp_path}")
+    assert code == 2
+    assert "another diagnosis is writing there; set hydra.run.dir to another" in said
 
 
 @pytest.mark.parametrize("name", ["short", "short_of_a_third"])

@@ -115,7 +115,9 @@ def test_several_files_are_a_sweep_and_a_changed_file_is_another_option(tmp_path
             r"_target_ = os\.system is no class of clearance\.mech",
         ),
         ("force: {_target_: clearance.mechanism.slider_crank.np.load, file: a.npy}", "is no class of"),
-        ("joint_b: [{_target_: '${oc.env:HOME}'}]", "is no class of"),
+        ("joint_b: [{_target_: '${oc.env:HOME}'}]", "calls for more than another key's value"),
+        ("rod: '${oc.create:{_target_:builtins.print}}'", "calls for more than another key's value"),
+        ("rod: ['${rod.${oc.env:HOME}}']", "calls for more than another key's value"),
         ("guide: [", "is no YAML file"),
         ("- 1", "holds no keys"),
     ],
@@ -126,6 +128,12 @@ def test_a_file_that_is_no_mechanism_is_refused(tmp_path, text, message):
         path.write_text(text)
     with pytest.raises(InputError, match=f"mechanism=.*wrong.yaml: .*{message}"):
         with_mechanism_file(f"mechanism={path}")
+
+
+def test_a_file_may_refer_to_its_own_keys(tmp_path):
+    path = tmp_path / "related.yaml"
+    path.write_text("defaults: [slider_crank, _self_]\nrod: {length: '${mechanism.crank.length}'}\n")
+    assert with_mechanism_file(f"mechanism={path}").startswith("mechanism=related-")
 
 
 def test_values_are_read_and_set_by_path():

@@ -74,6 +74,14 @@ def test_sensors_in_the_file_that_are_no_mapping_are_a_damaged_header(tmp_path, 
         read(tmp_path / "run.parquet")
 
 
+@pytest.mark.parametrize("chain", [{"base_rate": None}, {"base_rate": "100 kHz"}, {"decimation": 0}])
+def test_a_chain_in_the_file_that_no_chain_can_be_is_a_damaged_header(tmp_path, chain):
+    recording = Recording(np.zeros((SAMPLES, 1)), ("rod_b_axial",), 1e3, 0.0, {"chain": chain})
+    write(recording, tmp_path / "run.parquet")
+    with pytest.raises(InputError, match="header under 'clearance' in its schema is damaged"):
+        read(tmp_path / "run.parquet")
+
+
 @pytest.mark.parametrize("key", ["units", "scale"])
 def test_a_unit_or_scale_of_a_channel_that_the_file_lacks_is_refused(csv, key):
     declare(csv, **{key: {"slider_vertical": "g" if key == "units" else 2.0}})

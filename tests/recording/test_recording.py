@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clearance.errors import InputError
-from clearance.recording.recording import Recording
+from clearance.recording.recording import Recording, at_one_rate
 
 NAMES = ("rod_b_axial", "rod_c_axial", "crank_angle")
 
@@ -19,6 +19,13 @@ def test_time_and_duration_follow_from_rate_and_start():
     recording = make(rate=100.0, start_time=2.5)
     np.testing.assert_array_equal(recording.time, 2.5 + np.arange(10) / 100.0)
     assert recording.duration == pytest.approx(0.09)
+
+
+def test_rates_that_differ_by_rounding_are_one():
+    some = {"a": make(rate=9999.0), "b": make(rate=9999.5)}
+    assert {name: one.rate for name, one in at_one_rate(some).items()} == {"a": 9999.25, "b": 9999.25}
+    with pytest.raises(InputError, match=r"differ \(a: 9999 Hz, c: 9990 Hz\).*`ignore: \[time\]`"):
+        at_one_rate({"a": some["a"], "c": make(rate=9990.0)})
 
 
 def test_channel_and_select_return_the_named_columns():

@@ -8,7 +8,7 @@ from clearance.errors import InputError
 from clearance.mechanism.description import read_path, with_values
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.recording.channels import ACCELERATIONS
-from clearance.recording.recording import Recording
+from clearance.recording.recording import Recording, at_one_rate
 
 ENCODER_ZERO = ("known", "unknown")
 
@@ -27,12 +27,10 @@ def tracks_of(
     Raises:
         InputError: rates that differ, or a recording that is too short or silent.
     """
-    rates = {name: recording.rate for name, recording in {**recordings, **held_out}.items()}
-    if len(set(rates.values())) > 1:
-        raise InputError(f"recordings: their rates differ ({rates} Hz); diagnose those of one rate together")
-    fitted = [Track.of(recording, name) for name, recording in recordings.items()]
+    every = at_one_rate({**recordings, **held_out})
+    fitted = [Track.of(every[name], name) for name in recordings]
     if held_out:
-        return fitted, [Track.of(recording, name) for name, recording in held_out.items()]
+        return fitted, [Track.of(every[name], name) for name in held_out]
     cuts = [2 * len(track.values) // 3 for track in fitted]
     return (
         [track.part(0, cut) for track, cut in zip(fitted, cuts, strict=True)],
