@@ -125,7 +125,7 @@ def power_by_effect(bins: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
     figure.supylabel("share of the cases, with exact 95 % intervals", fontsize=9)
     if shown:
         handles, names = panels[0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="upper right", ncols=2, fontsize=8, frameon=False)
+        figure.legend(handles, names, loc="outside lower right", ncols=2, fontsize=8, frameon=False)
     return figure
 
 
