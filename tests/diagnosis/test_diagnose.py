@@ -269,7 +269,7 @@ def test_wrong_inputs_are_one_line(monkeypatch, capfd, recordings, wrong, words)
 def test_a_file_whose_name_no_report_can_say_is_refused_before_anything_is_done(tmp_path):
     (tmp_path / os.fsdecode(b"messung_\xe4.csv")).write_text("time\n0\n")
     with pytest.raises(InputError, match=r"recordings: the name .*messung_.*is no UTF-8; rename the file"):
-        _files("recordings", [str(tmp_path)])
+        _files("recordings", str(tmp_path))
 
 
 def test_a_folder_in_which_another_diagnosis_is_writing_is_refused(recordings, monkeypatch, capfd, tmp_path):
