@@ -21,12 +21,12 @@ CONFIGURATION = _HERE / "conf" if (_HERE / "conf").is_dir() else _HERE.parent / 
 """The configuration folder: inside the package in a wheel, beside it in a checkout."""
 
 _MECHANISM_CLASS = re.compile(r"clearance\.mechanism\.\w+\.[A-Z]\w*")
-_REFERENCE = re.compile(r"\$\{\.*[\w.]+\}")  # to another key
 """What a mechanism's file may make objects of: a file that a user names runs no other code.
 
 A name of one of its modules that begins as a class does: no function, and nothing inside what a module
 imports.
 """
+_REFERENCE = re.compile(r"\$\{\.*[\w.]+\}")  # to another key
 
 _MECHANISM_FILE = re.compile(r"""mechanism=(['"]?)(.+\.ya?ml)\1""")
 
