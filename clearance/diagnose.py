@@ -33,6 +33,7 @@ from clearance.diagnosis.sensing.tolerances import NOTHING_LEFT_OPEN, Tolerances
 from clearance.errors import InputError
 from clearance.mechanism.description import write_mechanism
 from clearance.mechanism.slider_crank import SliderCrank
+from clearance.processes import RUNNING
 from clearance.provenance import describe
 from clearance.recording.bounds import whole
 from clearance.recording.channels import OTHER_CHANNELS
@@ -58,7 +59,6 @@ _FASTEST = 20_000.0  # rpm
 _MOST = 999  # simulations: some seconds each
 _BESIDE = """What the accelerometers were found to do.
 As NAME.yaml beside another recording NAME.parquet of theirs it is undone where that is read."""
-_LOCK = ".running"
 _HELD_OUT = 1.0 / 3.0  # of each recording, where no other ones are held out
 
 
@@ -68,7 +68,7 @@ def main(cfg: DictConfig) -> None:
     """Diagnose recordings; write ``diagnosis.json``, ``report.html`` and ``corrected.yaml``."""
     folder = Path(HydraConfig.get().runtime.output_dir)
     try:
-        with FileLock(folder / _LOCK, timeout=0):
+        with FileLock(folder / RUNNING, timeout=0):
             _diagnose(cfg, folder)
     except Timeout:
         raise InputError(

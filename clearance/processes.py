@@ -8,6 +8,8 @@ from pathlib import Path
 
 from hydra.core.override_parser.types import Quote, QuotedString
 
+RUNNING = ".running"
+"""File in a run's folder that is locked while a diagnosis writes there."""
 _ROOT = Path(__file__).parents[1]
 
 

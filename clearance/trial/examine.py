@@ -14,7 +14,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from clearance.errors import InputError
-from clearance.processes import end, environment, quoted
+from clearance.processes import RUNNING, end, environment, quoted
 from clearance.provenance import revision
 from clearance.trial.case import KNOWN_FRAME
 from clearance.trial.conceal import CASE, CASES, names_of
@@ -125,6 +125,8 @@ class Examiner:
         report: Callable[[str], None],
     ) -> None:  # fmt: skip
         place = folder / self.verdicts / name
+        if not _is_free(place, stopped, lambda: report(f"{name}: waits for the process of a killed trial")):
+            return
         tries = _tries(place / VERDICT)
         for outdated in (_DIAGNOSIS, CORRECTED):
             (place / outdated).unlink(missing_ok=True)
@@ -163,6 +165,24 @@ class Examiner:
             },
         )
         report(f"{name}: {diagnosis['verdict'] if diagnosis else failure} ({seconds:.0f} s)")
+
+
+def _is_free(place: Path, stopped: threading.Event, wait: Callable[[], None]) -> bool:
+    """Wait until no process of an earlier, killed trial writes there; false if this one is stopped before.
+
+    Beside it a diagnosis would refuse to run, and count as failed.
+    """
+    told = False
+    while True:
+        try:
+            with FileLock(place / RUNNING, timeout=0):
+                return True
+        except Timeout:
+            if not told:
+                wait()
+            told = True
+            if stopped.wait(1.0):
+                return False
 
 
 def hashes_of(folder: Path, verdicts: str) -> Path:

@@ -22,6 +22,7 @@ from hydra.utils import instantiate
 from clearance.commands import CONFIGURATION
 from clearance.errors import InputError
 from clearance.mechanism.frame import FixedFrame, FlexibleFrame
+from clearance.processes import RUNNING
 from clearance.recording.files import read
 from clearance.trial.case import KNOWN_FRAME
 from clearance.trial.conceal import CASE, COMMITMENT, conceal
@@ -206,6 +207,20 @@ def test_a_case_that_another_process_is_asking_is_left_to_it(trial):
     assert sorted(trial.asked()) == ["case_0001", "case_0003", "case_0004"]
     trial.examine()
     assert trial.asked()[3:] == ["case_0002"]
+
+
+def test_a_case_waits_for_what_a_killed_trial_has_left_running(trial):
+    """A diagnosis that is begun beside it would refuse, and count as failed."""
+    place = trial.folder / VERDICTS / "case_0002"
+    place.mkdir(parents=True)
+    thread = threading.Thread(target=trial.examine)
+    with FileLock(place / RUNNING):
+        thread.start()
+        thread.join(5.0)
+        assert sorted(trial.asked()) == ["case_0001", "case_0003", "case_0004"]
+    thread.join(20.0)
+    assert trial.asked()[3:] == ["case_0002"]
+    assert read_json(place / VERDICT)["failure"] is None
 
 
 def test_the_truth_is_not_needed_for_the_verdicts(trial):
