@@ -17,6 +17,16 @@ from clearance.trial.plant import FloatArray, Plant
 from clearance.trial.simulate import responses_of, scenes_of
 from clearance.trial.visibility import Scene, response, unexplained
 
+ARGUMENTS = {
+    "crank_angle": "rad",
+    "crank_speed": "rad/s",
+    "rod_angle": "rad",
+    "slider_position": "m",
+    "slider_velocity": "m/s",
+    "contact_force": "N",
+    "time": "s",
+}
+"""What a force of free form may be a function of, and in which unit it is given."""
 NO_CURVE = (0.0, 1.0)
 """Likeness of no force at all."""
 
@@ -91,7 +101,7 @@ def beside(
         free_form: ``argument`` and ``table`` (argument, force) of the verdict; over time ``clocks``, what the
             table's clock shows where each recording begins, and its ``period``.
     """
-    if curve is None or not free_form or free_form.get("argument") not in curve:
+    if curve is None or not free_form or free_form.get("argument") not in ARGUMENTS:
         return None
     table = np.array(free_form["table"], dtype=float)
     if table.ndim != 2 or len(table) < 2 or table.shape[1] < 2:

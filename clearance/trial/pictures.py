@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from clearance.evaluation.figures import new_figure
 from clearance.trial.case import SEVERAL, UNNAMED
+from clearance.trial.claim import ARGUMENTS
 from clearance.trial.repertoire import EFFECTS, FAULTS, FORCES
 
 Row = Mapping[str, Any]
@@ -143,6 +144,10 @@ def curves(rows: Sequence[Row]) -> Figure:
         axes.plot(curve["argument"], curve["true"], ".", markersize=4, color="#888888", label="true")
         axes.plot(curve["argument"], curve["found"], color=_COLOURS["right"], linewidth=1.2, label="found")
         axes.set_title(f"{_label(row)}\ncorrelation {row['curve_correlation']:.3f}", fontsize=8)
+        over = curve.get("over")  # trials before it was kept say it nowhere
+        if over is not None:
+            axes.set_xlabel(f"{over.replace('_', ' ')} [{ARGUMENTS[over]}]", fontsize=7)
+            axes.set_ylabel("[N m]" if curve["direction"] in ("torque", "moment") else "[N]", fontsize=7)
         axes.tick_params(labelsize=7)
         if place == 1:
             axes.legend(fontsize=7, frameon=False)

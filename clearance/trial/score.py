@@ -132,19 +132,18 @@ def _likeness(alike: tuple[float, float] | None) -> dict[str, float | None]:
     return {"curve_correlation": correlation, "curve_error": error}
 
 
-def _points(
-    true: Mapping[str, Sequence[float]], found: Mapping[str, Any] | None
-) -> dict[str, list[float]] | None:
+def _points(true: Mapping[str, Sequence[float]], found: Mapping[str, Any] | None) -> dict[str, Any] | None:
     """Some of the points at which two forces are compared, by their argument; enough for a picture."""
     both = beside(true, found)
-    if both is None or len(both[0]) == 0:
+    if found is None or both is None or len(both[0]) == 0:
         return None
     order = np.argsort(both[0])
     some = order[np.linspace(0, len(order) - 1, min(_POINTS, len(order))).round().astype(int)]
-    return {
+    points = {
         name: [float(f"{value:.4g}") for value in values[some]]
         for name, values in zip(("argument", "true", "found"), both, strict=True)
     }
+    return {"over": found["argument"], "direction": found.get("direction")} | points
 
 
 def _curve_of(case: Case, said: Mapping[str, Any]) -> Mapping[str, Any] | None:

@@ -290,10 +290,12 @@ def test_a_force_outside_the_list():
     assert row["left_over"] is None
     points = row["curve"]
     assert points["argument"] == sorted(points["argument"])
+    assert (points["over"], points["direction"]) == ("slider_position", "x")
     assert np.corrcoef(points["true"], points["found"])[0, 1] == pytest.approx(
         row["curve_correlation"], abs=0.05
     )
     (panel,) = pictures.curves([row, {**row, "visible": False}]).axes
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("slider position [m]", "[N]")
     drawn = {line.get_label(): line.get_ydata().tolist() for line in panel.lines}
     assert drawn == {"true": points["true"], "found": points["found"]}
     larger = {**free, "table": [[x, 10.0 * f] for x, f in free["table"]]}
@@ -305,6 +307,8 @@ def test_a_force_outside_the_list():
     backwards = {"argument": "slider_position", "table": [[x, -f] for x, f in free["table"]]}
     assert likeness(secrets["curve"], backwards)[0] < -0.95
     assert likeness(secrets["curve"], {"argument": "time", "table": [[0, 1], [1, 1]]}) == NO_CURVE
+    itself = {"argument": "force", "table": [[-9.0, -9.0], [9.0, 9.0]]}  # the truth, by which none can guess
+    assert likeness(secrets["curve"], itself) == NO_CURVE
     elsewhere = scored(FORCE, {**said, "mismatch": {"body": "rod"}}, secrets)
     assert elsewhere["why"] == "unknown, rightly, but on the wrong body"
     named = scored(FORCE, verdict("physics", [friction(name="process_load")]), secrets)

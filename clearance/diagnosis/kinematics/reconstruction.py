@@ -185,8 +185,11 @@ def reconstruct(
         weight = parameters[Parameter.SLIDER_MASS] * (parameters[Parameter.GRAVITY_Y] + state[:, GRAVITY_Y])
         _lay(nodes, parameters, weight - felt.force_c[:, 1], period)
     across, through = _across(parameters, measured, steady, felt, state, joints)
+    weightless = state.copy()  # what gravity the sensors feel beside the machine's is a force that it lacks
+    weightless[:, [GRAVITY_X, GRAVITY_Y]] = 0.0
+    imbalance = feel(parameters, joints, measured.signals, weightless, inputs, lifted, clock).imbalance
     turning = np.stack([
-        state[:, CRANK_ANGLE], state[:, CRANK_SPEED], inputs[:, 0], state[:, TORQUE] - felt.imbalance,
+        state[:, CRANK_ANGLE], state[:, CRANK_SPEED], inputs[:, 0], state[:, TORQUE] - imbalance,
     ])  # fmt: skip
     return Reconstruction(nodes, float(cost), force, asked, turning, across, through)
 

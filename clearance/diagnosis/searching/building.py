@@ -11,6 +11,7 @@ from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.free_search import reshape, reshape_anew
 from clearance.diagnosis.searching.from_motion import begin_wear
 from clearance.diagnosis.searching.from_work import begin_beside
+from clearance.diagnosis.searching.geometry import GEOMETRIC
 from clearance.diagnosis.searching.parts import enough, in_part, set_aside, unfinished
 from clearance.diagnosis.searching.screening import Hint
 from clearance.diagnosis.searching.search import Search
@@ -63,6 +64,11 @@ def _try_beside(search: Search, explanation: Explanation, built_on: list[Attempt
     _add(built_on, base)
     beside, tables = look(search, explanation, base), list[Attempt]()
     if base is explanation.best and not beside.obvious:  # else something is there beside the name
+        for hint in beside.plain:  # no force in the name's place is a dimension, or a sensor's fault
+            if hint.hypotheses[0].name in GEOMETRIC or hint.hypotheses[0].fault is not None:
+                search.follow(explanation, base, hint)
+            if settled(search, explanation, base):
+                return None
         tables = reshape(search, explanation, base)
         if _over(search, explanation):
             return None

@@ -30,7 +30,7 @@ from clearance.diagnosis.searching.from_motion import (
     begin_displaced,
     begin_wear,
 )
-from clearance.diagnosis.searching.from_work import begin_balanced, begin_pairs
+from clearance.diagnosis.searching.from_work import begin_balanced, begin_misheard, begin_pairs
 from clearance.diagnosis.searching.geometry import (
     CLOCK,
     GEOMETRIC,
@@ -133,8 +133,14 @@ class Course:
             deafen(self.search, self.explanation, self.nominal, channel)
 
     def dimension(self) -> None:
-        """A dimension without which the motion hardly agrees."""
-        if self.nominal.misfit > FAR:
+        """A dimension without which the motion hardly agrees, or a sensor's fault beside a force."""
+        if not self.nominal.misfit > FAR:
+            return
+        first = next(iter(self._dimensions), None)
+        fault = first is not None and first.hypothesis.channel is not None and first.share < _ACCUSED
+        if first is not None and fault and self.search.most > 1:
+            begin_misheard(self.search, self.explanation, first)
+        if not self.over():
             self.displaced = begin_displaced(self.search, self.explanation, self._dimensions)
 
     def rails(self) -> None:

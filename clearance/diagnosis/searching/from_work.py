@@ -1,6 +1,7 @@
 """Effects that give the torque which the motion needs: forces with a name, two of them, tables."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -17,10 +18,12 @@ from clearance.diagnosis.searching.elsewhere import WORKLESS, begin_again, begin
 from clearance.diagnosis.searching.everywhere import between, fit_from
 from clearance.diagnosis.searching.explanation import Explanation, Worked
 from clearance.diagnosis.searching.from_motion import begin_wear
+from clearance.diagnosis.searching.geometry import Dimension, Shown
 from clearance.diagnosis.searching.rattling import begin_guide
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.tables import place_jumps, refine_table
 from clearance.diagnosis.searching.work import Balanced
+from clearance.diagnosis.sensing.measured import Measured
 from clearance.errors import InputError
 
 _BESIDE = 2  # forces that are tried beside a part
@@ -272,23 +275,52 @@ def begin_beside(search: Search, explanation: Explanation, base: Attempt) -> Non
     deaf = [fault.channel for fault in faults if fault.channel is not None]
     if base.misfit < NEARLY or len(deaf) < len(faults):  # a clock that is wrong is every channel's
         return
-    sizes = base.fit.values[0, 1 : base.model.shared]
-    setting, clearance = search.setting.added(base.hypotheses, sizes), search.profile.best
+    heard, sizes = search.recordings, base.fit.values[0, 1 : base.model.shared]
+    for channel in deaf:
+        heard = [one.without(channel) for one in heard]
+    _follow_beside(search, explanation, base.hypotheses, sizes, heard, HALFWAY * base.misfit)
+
+
+def begin_misheard(search: Search, explanation: Explanation, fault: Dimension) -> None:
+    """Fit a sensor's fault that the motion shows with a force that the balance of work names beside it.
+
+    Without that force no path is followed on which the fault's size could be told.
+
+    Args:
+        search: after its nominal stage.
+        explanation: added to.
+        fault: of one channel; what is balanced is what it shows with the fault undone.
+    """
+    held, size = (fault.hypothesis,), np.array([fault.value])
+    heard = Shown(held, size, np.zeros(1), search.profile).undone(search)
+    _follow_beside(search, explanation, held, size, heard, HALFWAY * explanation.nominal.misfit)
+
+
+def _follow_beside(
+    search: Search,
+    explanation: Explanation,
+    held: Sequence[Hypothesis],
+    sizes: np.ndarray,
+    heard: Sequence[Measured],
+    near: float,
+) -> None:
+    """Follow what the balance of work names in a machine with some effects, by what is heard, until near."""
+    setting, clearance = search.setting.added(held, sizes), search.profile.best
     try:
-        with search.deaf(deaf):
-            if deaf:
-                known = search.recordings, search.alignments, setting.with_clearance, search.workers
-                clearance = profile(*known).best
+        if heard is not search.recordings:
+            clearance = profile(heard, search.alignments, setting.with_clearance, search.workers).best
+        with search.hearing(heard):
             suggested = suggest_forces(search, setting, clearance, named=True)
     except (InputError, np.linalg.LinAlgError):
         return
     new = [
         force for force in (suggested.forces if suggested is not None else [])
-        if not any(same(one, held) for one in force.hypotheses for held in base.hypotheses)
+        if len(force.hypotheses) + len(held) <= search.most
+        and not any(same(one, other) for one in force.hypotheses for other in held)
     ]  # fmt: skip
     for force in new[:_BESIDE]:
-        found = _follow(search, explanation, setting, force, base.hypotheses, sizes, deaf)
-        if (found is not None and found.misfit < HALFWAY * base.misfit) or search.late():
+        found = _follow(search, explanation, setting, force, held, sizes, heard)
+        if (found is not None and found.misfit < near) or search.late():
             return
 
 
@@ -317,7 +349,7 @@ def _follow(
     one: Balanced,
     held: Sequence[Hypothesis] = (),
     sizes: Sequence[float] | np.ndarray = (),
-    deaf: Sequence[str] = (),
+    heard: Sequence[Measured] | None = None,
 ) -> Attempt | None:
     """Fit what the balance of work suggests beside the nominal machine, once clearance and path go with it.
 
@@ -328,10 +360,10 @@ def _follow(
         one: of its suggestions.
         held: effects that are in that machine, and fitted too.
         sizes: of these.
-        deaf: channels that the balance was not asked of.
+        heard: recordings that the balance was asked of, where they are others.
     """
     try:
-        with search.deaf(deaf):
+        with nullcontext() if heard is None else search.hearing(heard):
             # a table by its own clock is too coarse to be settled beside
             settled = one if one.rhythm is not None else settle_in(search, setting, one)
     except (InputError, np.linalg.LinAlgError):

@@ -305,11 +305,10 @@ class Search:
             self.recordings = before
 
     @contextmanager
-    def deaf(self, channels: Sequence[str]) -> Iterator[None]:
-        """Within it some channels say nothing."""
+    def hearing(self, recordings: Sequence[Measured]) -> Iterator[None]:
+        """Within it the recordings are others: without some channel, or with its fault undone."""
         before = self.recordings
-        for channel in channels:
-            self.recordings = [one.without(channel) for one in self.recordings]
+        self.recordings = list(recordings)
         try:
             yield
         finally:

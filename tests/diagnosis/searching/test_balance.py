@@ -110,6 +110,15 @@ def test_where_the_scatter_would_hide_a_force_nothing_is_called_balanced(noise, 
     assert found.forces == []
 
 
+def test_gravity_that_the_sensors_feel_is_a_force_that_the_machine_lacks():
+    search = traced(replace(NOMINAL, gravity=(-9.81, 0.0)))
+    balance = Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4)
+    (gravity,) = gather(load_effects(["gravity"]), NOMINAL, "C", ())["gravity(gravity_x)"]
+    found = balance.best([gravity])
+    assert found.values[0] == pytest.approx(-9.81, rel=0.1)
+    assert found.cost < 0.3 * balance.fit((), np.zeros(0)).cost
+
+
 @pytest.mark.slow
 def test_a_load_moves_the_journal_and_with_it_the_clearance():
     search = traced(replace(NOMINAL, spring=LinearSpring(400.0, 0.11)))

@@ -59,6 +59,33 @@ def test_what_promises_most_beside_a_part_comes_before_a_table_in_its_place(frui
     assert asked[:3] == expected
 
 
+@pytest.mark.parametrize(("name", "fault"), [("slider_offset", None), ("sensor_gain", "gain")])
+@pytest.mark.parametrize(("misfit", "expected"), [(1.0, ["beside"]), (3.0, ["beside", "table"])])
+def test_a_dimension_or_a_fault_beside_a_name_comes_before_a_table_in_its_place(
+    fruitless, name, fault, misfit, expected
+):
+    """Friction left 4 to a guide line that was 1.7 mm off; tables took the time, and less off."""
+    asked = []
+    nominal, friction = attempt([], 474.0), attempt(["guide_friction"], 3.8)
+    hints = [
+        SimpleNamespace(hypotheses=(SimpleNamespace(name=one, fault=kind, channel=None),))
+        for one, kind in (("torque_ripple", None), (name, fault))
+    ]
+    none = Prospects([], [], [], [], [])
+    fruitless("look", lambda _, __, base: Prospects([], hints, [], [], []) if base is friction else none)
+    fruitless("reshape", lambda *_: asked.append("table"))
+
+    def follow(explanation, base, hint):
+        assert (base, hint) == (friction, hints[1])
+        asked.append("beside")
+        explanation.attempts.append(attempt(["guide_friction", name], misfit))
+
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(asked) > 1, most=2)
+    search.follow = follow
+    search_all(search, Explanation(nominal, [friction]), lambda _: None)
+    assert asked == expected
+
+
 @pytest.mark.parametrize(
     ("left", "expected"),
     [
@@ -86,7 +113,7 @@ def test_what_promises_more_than_lobes_beside_a_part_is_tried_before_them(stand_
     stand_in("widen", lambda _, __, ___, some: asked.append([h.hypotheses[0].name for h in some]))
     stand_in("begin_wear", lambda *_: asked.append("wear"))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: len(asked) > 2)
-    search.most = 3
+    search.most, search.follow = 3, lambda *_: None
     search_all(search, Explanation(nominal, [gravity]), lambda _: None)
     assert asked == expected
 

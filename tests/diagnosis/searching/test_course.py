@@ -87,7 +87,7 @@ def test_beside_a_far_path_the_balance_of_work_comes_first_beside_a_near_one_pla
 def test_what_promises_most_comes_before_the_balance_of_work_and_no_dimension_is_tried_twice(fruitless):
     asked = []
     tried, other = [
-        SimpleNamespace(hypothesis=SimpleNamespace(name=name, fault=None), share=0.5)
+        SimpleNamespace(hypothesis=SimpleNamespace(name=name, fault=None, channel=None), share=0.5)
         for name in ("slider_offset", "second_clearance")
     ]
     hint = SimpleNamespace(hypotheses=(SimpleNamespace(name="gravity", fault=None, channel=None),))
@@ -104,6 +104,28 @@ def test_what_promises_most_comes_before_the_balance_of_work_and_no_dimension_is
     search.most = 3
     search_all(search, Explanation(attempt([], 30.0)), lambda _: None)
     assert asked == ["obvious", "displaced", "balance", ["slider_offset"]]
+
+
+@pytest.mark.parametrize(
+    ("channel", "share", "most", "expected"),
+    [
+        ("slider_horizontal", 0.1, 2, ["force", "displaced"]),
+        ("slider_horizontal", 0.1, 1, ["displaced"]),
+        ("slider_horizontal", 0.6, 2, ["displaced"]),
+        (None, 0.1, 2, ["displaced"]),  # a clock that is wrong is every channel's
+    ],
+)
+def test_beside_a_sensor_s_fault_that_the_motion_shows_a_force_is_asked_for(
+    fruitless, channel, share, most, expected
+):
+    asked, fault = [], SimpleNamespace(name="gain", fault="gain", channel=channel)
+    shown = SimpleNamespace(hypothesis=fault, share=share)
+    fruitless("suggest_dimensions", lambda *_: [shown])
+    fruitless("begin_misheard", lambda _, __, one: asked.append("force" if one is shown else one))
+    fruitless("begin_displaced", lambda *_: asked.append("displaced"))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False, most=most)
+    search_all(search, Explanation(attempt([], 90.0)), lambda _: None)
+    assert asked == expected
 
 
 @pytest.mark.parametrize(("misfit", "most", "expected"), [(3.4, 2, 3), (3.4, 1, 0), (5.0, 2, 0)])
@@ -190,7 +212,8 @@ def test_rails_are_looked_for_by_the_clock_or_dimension_that_the_motion_accuses(
         asked.append(shown)
         return shown is not None
 
-    asked, accused = [], SimpleNamespace(hypothesis=SimpleNamespace(name=name, fault=fault), share=0.4)
+    hypothesis = SimpleNamespace(name=name, fault=fault, channel=None)
+    asked, accused = [], SimpleNamespace(hypothesis=hypothesis, share=0.4)
     fruitless("begin_guide", guide)
     fruitless("suggest_dimensions", lambda *_: [accused])
     fruitless("Shown", SimpleNamespace(alone=lambda search, one: one))

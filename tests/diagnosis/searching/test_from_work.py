@@ -11,7 +11,13 @@ from clearance.diagnosis.hypotheses.hypothesis import Setting
 from clearance.diagnosis.searching import from_work
 from clearance.diagnosis.searching.balance import Suggested
 from clearance.diagnosis.searching.explanation import Explanation
-from clearance.diagnosis.searching.from_work import begin_balanced, begin_beside, begin_pairs
+from clearance.diagnosis.searching.from_work import (
+    begin_balanced,
+    begin_beside,
+    begin_misheard,
+    begin_pairs,
+)
+from clearance.diagnosis.searching.geometry import Dimension
 from clearance.diagnosis.searching.work import Balanced
 from tests.diagnosis.attempts import attempt
 
@@ -50,7 +56,7 @@ def follow(monkeypatch, suggested, fit, misfit, most, motion=lambda *_, **__: Fa
     monkeypatch.setattr(from_work, "fit_from", fit)
     search = SimpleNamespace(
         setting=None, report=lambda _: None, late=lambda: False, timed=lambda _: nullcontext(),
-        deaf=lambda _: nullcontext(), profile=SimpleNamespace(best=3e-4),
+        profile=SimpleNamespace(best=3e-4),
     )  # fmt: skip
     search.most = most
     begin_balanced(search, Explanation(nominal(misfit)))
@@ -83,7 +89,6 @@ def test_pairs_are_followed_until_one_nearly_explains(monkeypatch, right, count)
         report=lambda _: None,
         late=lambda: False,
         timed=lambda _: nullcontext(),
-        deaf=lambda _: nullcontext(),
     )
     begin_pairs(search, Explanation(nominal(1000.0)), PAIRS)
     assert len(tried) == count
@@ -124,20 +129,61 @@ def test_beside_a_part_the_balance_of_work_is_asked_again(monkeypatch, misfit, f
     monkeypatch.setattr(from_work, "profile", lambda *_: SimpleNamespace(best=4e-4))
     setting = Setting("machine", "C")
 
+    recordings = [SimpleNamespace(without=lambda channel: channel)]
+
     @contextmanager
-    def deaf(channels):
-        silent.extend(channels)
+    def hearing(heard):
+        silent.extend(heard if heard is not recordings else [])
         yield
         silent.clear()
 
     search = SimpleNamespace(
         setting=setting, profile=SimpleNamespace(best=3e-4), late=lambda: False, report=lambda _: None,
-        timed=lambda _: nullcontext(), deaf=deaf, workers=1, recordings=[], alignments=[],
+        timed=lambda _: nullcontext(), hearing=hearing, workers=1, recordings=recordings, alignments=[],
+        most=2,
     )  # fmt: skip
     begin_beside(search, Explanation(nominal(1000.0), [part]), part)
     assert fitted == [["gravity", name] for name in expected]
     heard = (3e-4, True, []) if channel is None else (4e-4, True, [channel])
     assert asked == ([("machine -9.9", *heard)] if expected else [])
+
+
+def test_a_force_beside_a_sensor_s_fault_is_asked_of_what_it_would_show_without_the_fault(monkeypatch):
+    """Without gravity a gain of 1.36 was not followed, nor gravity by a sensor that shows as much more."""
+    gain = SimpleNamespace(name="sensor_gain", fault="gain", channel="slider_horizontal")
+    asked, fitted, heard = [], [], []
+
+    @contextmanager
+    def hearing(recordings):
+        heard.extend(recordings)
+        yield
+        heard.clear()
+
+    def suggest(search, setting, clearance, named):
+        asked.append((clearance, named, list(heard)))
+        return SimpleNamespace(forces=[pair("gravity", "soft_drive"), pair("gravity")])  # three are too many
+
+    def fit(search, explanation, base, hypotheses, values, clearance, anew, insist):
+        fitted.append(([h.name for h in hypotheses], list(values), clearance))
+        return attempt(["both"], 1.0)
+
+    setting = SimpleNamespace(
+        model=lambda held: SimpleNamespace(instrument=lambda values: f"{held[0].fault} {values[1]}"),
+        added=lambda held, sizes: SimpleNamespace(with_clearance=None),
+    )
+    monkeypatch.setattr(from_work, "suggest_forces", suggest)
+    monkeypatch.setattr(from_work, "settle_in", lambda search, setting, one: one)
+    monkeypatch.setattr(from_work, "same", lambda one, other: one.name == other.name)
+    monkeypatch.setattr(from_work, "fit_from", fit)
+    monkeypatch.setattr(from_work, "profile", lambda *_: SimpleNamespace(best=4e-4))
+    search = SimpleNamespace(
+        setting=setting, profile=SimpleNamespace(best=3e-4), late=lambda: False, report=lambda _: None,
+        timed=lambda _: nullcontext(), hearing=hearing, workers=1, alignments=[], most=2,
+        recordings=[SimpleNamespace(undone=lambda instrument: f"undone {instrument}")],
+    )  # fmt: skip
+    begin_misheard(search, Explanation(nominal(90.0)), Dimension(gain, 1.36, 2.6e-4, 0.09))
+    assert asked == [(4e-4, True, ["undone gain 1.36"])]
+    assert fitted == [(["sensor_gain", "gravity"], [1.36, 1.0], 3e-4)]
 
 
 @pytest.mark.parametrize("weak", [False, True])
@@ -294,7 +340,6 @@ def test_what_the_work_suggests_begins_between_two_clearances_where_it_is_not_fo
         report=lambda _: None,
         late=lambda: False,
         timed=lambda _: nullcontext(),
-        deaf=lambda _: nullcontext(),
     )
     begin_pairs(search, Explanation(nominal(1000.0, fitted)), [pair("torque_ripple")])
     assert tried == pytest.approx(expected)
