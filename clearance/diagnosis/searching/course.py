@@ -57,6 +57,7 @@ _MANY, _ACCUSED = 7, 0.4  # channels of which one can be spared; left of the mot
 _RAILED = 0.35  # of the motion's disagreement: rails that leave less come before any force
 _PAIRS = 3  # pairs that are fitted
 _CLEAR = 3  # pairs that a look is clear about
+_FAINT = 0.1  # of what is missing: where a near path promises less, two of three lacked what no look judges
 
 
 def search_all(search: Search, explanation: Explanation, keep: Callable[[Explanation], None]) -> None:
@@ -193,6 +194,11 @@ class Course:
                 begin_guide(self.search, self.explanation)
         if not self._settled():
             begin_dimensions(self.search, self.explanation, self._dimensions, self.displaced)
+
+    def unjudged(self) -> None:
+        """Beside a near path where a look promises next to nothing, what no linear look can judge."""
+        if self.nominal.misfit < NEARLY and self.prospects.share < _FAINT and not self._settled():
+            self.elsewhere()
 
     def curve_near(self) -> None:
         """Forces of free form beside a near path, where a look has judged names and tells bodies apart."""
@@ -340,8 +346,9 @@ class Course:
 STEPS: tuple[Callable[[Course], None], ...] = (
     Course.frame, Course.build_on, Course.obvious, Course.build_on, Course.cushion, Course.clock,
     Course.sensor, Course.build_on, Course.dimension, Course.build_on, Course.rails, Course.balance,
-    Course.lead, Course.plain, Course.motion, Course.curve_near, Course.joint, Course.build_on,
-    Course.together, Course.build_on, Course.balance_near, Course.inside, Course.likely, Course.build_on,
+    Course.lead, Course.plain, Course.motion, Course.unjudged, Course.curve_near, Course.joint,
+    Course.build_on, Course.together, Course.build_on, Course.balance_near, Course.inside, Course.likely,
+    Course.build_on,
     Course.reshaped, Course.plausible, Course.build_on, Course.unlikely, Course.build_on, Course.curve,
     Course.elsewhere, Course.build_on, Course.share, Course.unlikely_faults, Course.build_on,
     Course.patience, Course.build_on, Course.pair, Course.build_on,

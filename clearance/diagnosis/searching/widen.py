@@ -50,6 +50,7 @@ class Prospects:
         unlikely: others, which promise much less than that.
         pairs: of hypotheses.
         clear: those of them that promise much of it, and clearly more than either alone.
+        share: of what is missing: what the best single one promises.
     """
 
     obvious: list[Hint]
@@ -58,6 +59,7 @@ class Prospects:
     unlikely: list[Hint]
     pairs: list[Hint]
     clear: list[Hint] = field(default_factory=list)
+    share: float = 1.0
 
     @property
     def promising(self) -> list[Hint]:
@@ -81,7 +83,7 @@ def look(search: Search, explanation: Explanation, base: Attempt) -> Prospects:
     promising = sum(hint.gain > _LIKELY * missing for hint in hopeful)
     likely = hopeful[len(obvious) + len(plain) : promising]
     clear = [pair for pair in found.pairs if pair.gain > max(_PLAIN * missing, _CLEARLY * best)]
-    return Prospects(obvious, plain, likely, hopeful[promising:], found.pairs, clear)
+    return Prospects(obvious, plain, likely, hopeful[promising:], found.pairs, clear, best / missing)
 
 
 def _pushed(hint: Hint, explanation: Explanation) -> Hint:

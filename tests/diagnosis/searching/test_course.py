@@ -128,6 +128,26 @@ def test_beside_a_sensor_s_fault_that_the_motion_shows_a_force_is_asked_for(
     assert asked == expected
 
 
+@pytest.mark.parametrize(
+    ("misfit", "share", "expected"),
+    [
+        (1.8, 0.085, ["elsewhere", "curve"]),  # a rod that bends, after which nothing was left in 500 s
+        (1.8, 0.2, ["curve", "elsewhere"]),
+        (30.0, 0.01, ["curve", "elsewhere"]),  # beside a far path a look promises nothing of what is right
+    ],
+)
+def test_where_a_near_path_promises_next_to_nothing_what_no_look_judges_comes_first(
+    fruitless, misfit, share, expected
+):
+    asked = []
+    fruitless("look", lambda *_: Prospects([], [], [], [], [], share=share))
+    fruitless("suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
+    fruitless("begin_elsewhere", lambda *_: asked.append("elsewhere"))
+    search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False, most=2)
+    search_all(search, Explanation(attempt([], misfit)), lambda _: None)
+    assert asked == expected
+
+
 @pytest.mark.parametrize(("misfit", "most", "expected"), [(3.4, 2, 3), (3.4, 1, 0), (5.0, 2, 0)])
 def test_two_that_promise_much_together_come_before_tables(fruitless, misfit, most, expected):
     hints, asked = list(range(5)), []
