@@ -42,9 +42,12 @@ def scrutinise(search: Search, explanation: Explanation) -> None:
             return
         found = screen(best, search.others(best), search.workers)
         look_beside_nominal(search, explanation, found if best is explanation.nominal else None)
-        sure = [replace(hint, values=_begun(hint)) for hint in found.singles if hint.gain > SURE]
-        sure = sorted([*sure, *misheard(search, best)], key=lambda hint: -hint.gain)
-        _refit(search, explanation, best, sure)
+        sure = [hint for hint in found.singles if hint.gain > SURE]
+        begun = [replace(hint, values=_begun(hint)) for hint in sure]
+        begun = sorted([*begun, *misheard(search, best)], key=lambda hint: -hint.gain)
+        _refit(search, explanation, best, begun)
+        if explanation.best is best:  # where it has hardly begun an impact may hold it back
+            _refit(search, explanation, best, sure, again=True)
         if explanation.best is best:
             _refit(search, explanation, best, rejoin_impacts(search, best))
         _compare_kinds(search, explanation, best)

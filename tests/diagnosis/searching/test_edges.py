@@ -27,7 +27,7 @@ def test_an_edge_that_no_slope_leads_to_is_found_along_the_stroke():
     explanation = Explanation(nominal, [astray])
     place_edges(found, explanation)
     best = explanation.best
-    assert best.misfit < ROOM
+    assert best.misfit < 1.05  # an impact of it may be torn
     clearance, force, start, end = best.fit.values[0, :-1]
     assert clearance == pytest.approx(5e-4, rel=5e-4)
     assert force == pytest.approx(TRUTH.force, rel=0.02)
