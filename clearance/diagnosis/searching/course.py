@@ -195,11 +195,6 @@ class Course:
         if not self._settled():
             begin_dimensions(self.search, self.explanation, self._dimensions, self.displaced)
 
-    def unjudged(self) -> None:
-        """Beside a near path where a look promises next to nothing, what no linear look can judge."""
-        if self.nominal.misfit < NEARLY and self.prospects.share < _FAINT and not self._settled():
-            self.elsewhere()
-
     def curve_near(self) -> None:
         """Forces of free form beside a near path, where a look has judged names and tells bodies apart."""
         near = self.nominal.misfit < NEARLY
@@ -215,6 +210,11 @@ class Course:
         for channel in self._accused:
             if channel not in self.deafened and not self._settled():
                 deafen(self.search, self.explanation, self.nominal, channel)
+
+    def unjudged(self) -> None:
+        """Beside a near path where a look promises next to nothing, what no linear look can judge."""
+        if self.nominal.misfit < NEARLY and self.prospects.share < _FAINT and not self._settled():
+            self.elsewhere()
 
     def together(self) -> None:
         """Pairs that give the torque which the motion needs."""
@@ -346,7 +346,7 @@ class Course:
 STEPS: tuple[Callable[[Course], None], ...] = (
     Course.frame, Course.build_on, Course.obvious, Course.build_on, Course.cushion, Course.clock,
     Course.sensor, Course.build_on, Course.dimension, Course.build_on, Course.rails, Course.balance,
-    Course.lead, Course.plain, Course.motion, Course.unjudged, Course.curve_near, Course.joint,
+    Course.lead, Course.plain, Course.motion, Course.curve_near, Course.joint, Course.unjudged,
     Course.build_on, Course.together, Course.build_on, Course.balance_near, Course.inside, Course.likely,
     Course.build_on,
     Course.reshaped, Course.plausible, Course.build_on, Course.unlikely, Course.build_on, Course.curve,

@@ -131,16 +131,21 @@ def test_beside_a_sensor_s_fault_that_the_motion_shows_a_force_is_asked_for(
 @pytest.mark.parametrize(
     ("misfit", "share", "expected"),
     [
-        (1.8, 0.085, ["elsewhere", "curve"]),  # a rod that bends, after which nothing was left in 500 s
-        (1.8, 0.2, ["curve", "elsewhere"]),
-        (30.0, 0.01, ["curve", "elsewhere"]),  # beside a far path a look promises nothing of what is right
+        (1.8, 0.085, ["curve", "elsewhere", "balance"]),  # a rod that bends: lobes and names took 300 s
+        (1.8, 0.2, ["curve", "balance", "elsewhere"]),
+        (
+            30.0,
+            0.01,
+            ["balance", "curve", "elsewhere"],
+        ),  # beside a far path a look promises nothing of what is right
     ],
 )
-def test_where_a_near_path_promises_next_to_nothing_what_no_look_judges_comes_first(
+def test_where_a_near_path_promises_next_to_nothing_what_no_look_judges_comes_before_names(
     fruitless, misfit, share, expected
 ):
     asked = []
     fruitless("look", lambda *_: Prospects([], [], [], [], [], share=share))
+    fruitless("begin_balanced", lambda *_: asked.append("balance") or [])
     fruitless("suggest_curve", lambda *_: asked.append("curve") or ([], np.inf))
     fruitless("begin_elsewhere", lambda *_: asked.append("elsewhere"))
     search = SimpleNamespace(recordings=[SimpleNamespace(channels=())], late=lambda: False, most=2)
