@@ -1,9 +1,10 @@
 """Close the loop: does an estimator read the clearance again once its simulator was corrected?
 
-Of each revealed case one network was trained on the nominal simulator, one goes on from it on the simulator
-that the diagnosis corrected, one was trained on the true physics (the floor), and one on random physics from
-the start (domain randomisation: Tobin et al. 2017, IROS, 23-30). All read recordings of the independent plant
-with the case's effect at clearances and speeds of its own, which no training and no diagnosis has seen.
+A network that was trained on the nominal simulator goes on there, on the simulator that the diagnosis of a
+revealed case corrected, and on the true physics (the floor); another was trained on random physics from the
+start, and goes on there (domain randomisation: Tobin et al. 2017, IROS, 23-30). So each has seen as many
+runs for as long. All read recordings of the independent plant with the case's effect at clearances and speeds
+of its own, which no training and no diagnosis has seen.
 """
 
 import subprocess
@@ -41,6 +42,7 @@ from clearance.whole_files import read_json, write_atomically, write_json
 LOOP, RESULT = "loop", "closed_loop.json"
 _PLAN = "plan.json"  # what was asked for
 ESTIMATORS = ("nominal", "corrected", "true", "random")
+_BEGUN, _BEGUN_RANDOM = "nominal_begun", "random_begun"
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # multiples of it fill an interval evenly
 _GAP = 0.5  # percent between the nominal and the true simulator: what is closed of less is chance
 _TOUCHING = 2.0  # times a worn bore's amplitude: less clearance would close the gap
@@ -65,9 +67,9 @@ class Loop:
         seconds: length of each [s].
         label_range: errors are given in percent of it [m].
         train: overrides of every training.
-        corrected: more for those that go on from the nominal machine's weights, on what was corrected and on
-            what is true.
-        random: more for one on random physics; ``{joint}`` and ``{other}`` stand for b and c.
+        goes_on: more for one that goes on from another's weights: on the nominal machine, on what was
+            corrected and on what is true from the nominal machine's, on random physics from its own.
+        random: more for those on random physics; ``{joint}`` and ``{other}`` stand for b and c.
     """
 
     tests: int
@@ -76,7 +78,7 @@ class Loop:
     seconds: float
     label_range: float
     train: Sequence[str]
-    corrected: Sequence[str]
+    goes_on: Sequence[str]
     random: Sequence[str]
 
     def __post_init__(self) -> None:
@@ -88,7 +90,7 @@ class Loop:
         for name in ("clearance_range", "speed_range"):
             if not getattr(self, name)[0] < getattr(self, name)[1]:
                 raise InputError(f"{name} = {list(getattr(self, name))} does not rise; change loop.{name}")
-        for name in ("train", "corrected", "random"):
+        for name in ("train", "goes_on", "random"):
             given = getattr(self, name)
             if not isinstance(given, list | tuple) or not all(isinstance(one, str) for one in given):
                 raise InputError(f"{name} = {given!r} is no list of overrides; change loop.{name}")
@@ -235,29 +237,35 @@ def _trained(one: Revealed, folder: Path, loop: Loop, report: Callable[[str], No
 
     A machine that the diagnosis got so wrong that it cannot be trained on leaves the nominal estimator.
     """
-    case, own, nominal = one.case, folder / one.case.name, folder / f"nominal_{one.case.joint}"
+    case, own = one.case, folder / one.case.name
     truth, corrected = own / "truth.yaml", own / CORRECTED
     write_mechanism(truth, true_machine(case), "what was true of the case")
     low, high = _clearances(case, loop)
     said = max(low, _TOUCHING * _lobes(one.corrected, case.joint))  # may be larger than they are
 
-    def on(low: float) -> list[str]:
+    def of_all(name: str) -> Path:
+        return folder / f"{name}_{case.joint}"
+
+    def on(begun: str, low: float) -> list[str]:
         drawn = f"campaign.clearance_range=[{low},{high}]"
-        return [f"begin={quoted(nominal)}", drawn, *loop.corrected]
+        return [f"begin={quoted(of_all(begun))}", drawn, *loop.goes_on]
 
     names = {"{joint}": case.joint.lower(), "{other}": "c" if case.joint == "B" else "b"}
+    random = [_filled(override, names) for override in loop.random]
     plans = {
-        "nominal": (nominal, list[str]()),
-        "corrected": (own / "corrected", [f"mechanism={corrected.resolve()}", *on(said)]),
-        "true": (own / "true", [f"mechanism={truth.resolve()}", *on(low)]),
-        "random": (folder / f"random_{case.joint}", [_filled(override, names) for override in loop.random]),
+        _BEGUN: (of_all(_BEGUN), list[str]()),
+        _BEGUN_RANDOM: (of_all(_BEGUN_RANDOM), random),
+        "nominal": (of_all("nominal"), on(_BEGUN, loop.clearance_range[0])),
+        "corrected": (own / "corrected", [f"mechanism={corrected.resolve()}", *on(_BEGUN, said)]),
+        "true": (own / "true", [f"mechanism={truth.resolve()}", *on(_BEGUN, low)]),
+        "random": (of_all("random"), [*random, *on(_BEGUN_RANDOM, loop.clearance_range[0])]),
     }
     if one.corrected is None:  # no verdict: nothing was corrected
         plans["corrected"] = plans["nominal"]
     else:
         text = one.corrected
         write_atomically(corrected, lambda file: file.write_text(text, encoding="utf-8"))
-    trained = {name: place for name, (place, _) in plans.items()}
+    trained = {name: plans[name][0] for name in ESTIMATORS}
     for name, (place, more) in plans.items():
         overrides = [f"joint={case.joint}", *loop.train, *more]
         done = (place / METRICS).exists() and (place / _PLAN).exists()
@@ -269,7 +277,7 @@ def _trained(one: Revealed, folder: Path, loop: Loop, report: Callable[[str], No
                 if name != "corrected":
                     raise
                 report(f"{case.name}: {error}; it counts as not corrected")
-                trained[name] = nominal
+                trained[name] = trained["nominal"]
     return trained
 
 
@@ -303,7 +311,7 @@ def _train(place: Path, overrides: Sequence[str]) -> None:
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         raise InputError(
             f"{place}: a training ended with exit code {code}: {lines[-1][:300] if lines else 'no output'}; "
-            f"see {log}; change loop.train, loop.corrected or loop.random"
+            f"see {log}; change loop.train, loop.goes_on or loop.random"
         )
     write_json(place / _PLAN, list(overrides))
 

@@ -47,7 +47,7 @@ LOOP = Loop(
         "experiment=smoke", "model=tcn", "model.net.widths=[8, 8]", "runs=6", "trainer.epochs=1",
         "trainer.accelerator=cpu", "trainer.threads=1", "split_seed=1",
     ),
-    corrected=("seed=7",), random=("campaign.random={joint_{other}.clearance: [0, 3e-4]}",),
+    goes_on=("data_seed=2",), random=("campaign.random={joint_{other}.clearance: [0, 3e-4]}",),
 )  # fmt: skip
 
 
@@ -191,22 +191,25 @@ def test_the_loop_is_closed_once_for_every_case(tmp_path):
     (row,) = close_loop([one], tmp_path, LOOP, 1, lines.append)
     assert set(row["error"]) == set(ESTIMATORS)
     assert len({tuple(values) for values in row["estimates_m"].values()}) == 4
-    assert sum("training on the" in line for line in lines) == 4
+    assert sum("training on the" in line for line in lines) == 6
     lines.clear()
     assert close_loop([one], tmp_path, LOOP, 1, lines.append) == [row]
     assert not any("training on the" in line for line in lines)
-    (tmp_path / LOOP_FOLDER / "nominal_B" / "plan.json").unlink()  # killed before it was written
+    (tmp_path / LOOP_FOLDER / "nominal_begun_B" / "plan.json").unlink()  # killed before it was written
     assert close_loop([one], tmp_path, LOOP, 1, lines.append) == [row]
     pictures.loop([row]).savefig(tmp_path / "loop.png")
     loop = tmp_path / LOOP_FOLDER
     for place, gravity, begin in (
-        ("nominal_B", 0.0, None), (f"{HEAVY.name}/corrected", -9.5, "nominal_B"),
-        (f"{HEAVY.name}/true", -9.81, "nominal_B"), ("random_B", 0.0, None),
+        ("nominal_begun_B", 0.0, None), ("nominal_B", 0.0, "nominal_begun_B"),
+        (f"{HEAVY.name}/corrected", -9.5, "nominal_begun_B"),
+        (f"{HEAVY.name}/true", -9.81, "nominal_begun_B"),
+        ("random_begun_B", 0.0, None), ("random_B", 0.0, "random_begun_B"),
     ):  # fmt: skip
         config = yaml.safe_load((loop / place / "config.yaml").read_text())
         assert config["campaign"]["mechanism"]["gravity"] == [0.0, gravity], place
         assert (config["begin"] and config["begin"].split("/")[-1]) == begin, place
-        assert bool(config["campaign"]["random"]) == (place == "random_B")
+        assert bool(config["campaign"]["random"]) == place.startswith("random")
+        assert config["data_seed"] == (2 if begin else 1)
 
 
 def test_a_bore_that_is_said_to_be_worn_is_not_closed_either(tmp_path, monkeypatch):
@@ -220,7 +223,7 @@ def test_a_bore_that_is_said_to_be_worn_is_not_closed_either(tmp_path, monkeypat
     )
     low, high = LOOP.clearance_range
     drawn = [one for one in asked if one.startswith("campaign.clearance_range=")]
-    assert drawn == [f"campaign.clearance_range=[{low_of},{high}]" for low_of in (2e-4, low)]
+    assert drawn == [f"campaign.clearance_range=[{low_of},{high}]" for low_of in (low, 2e-4, low, low)]
 
 
 def test_a_corrected_machine_that_cannot_be_trained_on_counts_as_not_corrected(tmp_path, monkeypatch):
@@ -240,7 +243,9 @@ def test_a_corrected_machine_that_cannot_be_trained_on_counts_as_not_corrected(t
 
 def test_a_training_that_fails_is_told(tmp_path):
     wrong = replace(LOOP, train=("model=ghost",))
-    with pytest.raises(InputError, match=r"nominal_B: a training ended with exit code 2: error: .*ghost"):
+    with pytest.raises(
+        InputError, match=r"nominal_begun_B: a training ended with exit code 2: error: .*ghost"
+    ):
         close_loop([revealed(HEAVY)], tmp_path, wrong, 1, lambda _: None)
 
 
@@ -249,7 +254,7 @@ def test_the_trainings_of_the_experiment_are_understood(joint):
     names = {"{joint}": joint, "{other}": "c" if joint == "b" else "b"}
     with initialize_config_dir(str(CONFIGURATION), version_base="1.3"):
         loop = instantiate(compose("trial", ["experiment=closed_loop"]).loop, _convert_="all")
-        for more in (loop.corrected, loop.random):
+        for more in (loop.goes_on, loop.random):
             chosen = [f"joint={joint.upper()}", *loop.train, *(_filled(one, names) for one in more)]
             campaign = instantiate(compose("train", chosen).campaign, _convert_="all")
             machines = [campaign.machine(run) for run in range(12)]

@@ -8,6 +8,7 @@ tilts, and strikes with one end while its middle is still short of the rail, doe
 Reference: least squares over a stretch with what ends its drift reweighted, as in ``reconstruction``.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,7 @@ _SMALL = (
     0.84  # of the true gap: where that share is reached (0.80 where the shoe tilts, 0.87 where it does not)
 )
 _STRIKE = 5  # samples around one in contact whose depth in the rail the filter hides
+_LOST, _HALF_ASTRAY = 0.05, 0.1  # shares beyond and astray of one whose height is lost somewhere
 _ASTRAY = 0.2  # share of samples in contact on the wrong side: no rail holds the slider
 
 
@@ -158,6 +160,27 @@ def suggest_gap(across: Across, stiffness: float, period: float) -> float | None
         return None
     last = GAPS[: len(shares)][-2:]
     return float(np.interp(-_OVERRUN, np.negative(shares[-2:]), last)) / _SMALL
+
+
+def gaps(seen: Sequence[Across], stiffness: float, period: float) -> list[float]:
+    """What recordings show of the gap [m]; nothing where one of them speaks against rails.
+
+    A motion whose height is lost somewhere overruns any gap; it need not where another recording shows one.
+
+    Args:
+        seen: what is seen of each motion.
+        stiffness: of one end of the shoe against the guide [N/m].
+        period: of the samples [s].
+    """
+    each = [suggest_gap(one, stiffness, period) for one in seen]
+    shown = [gap for gap in each if gap is not None]
+    if not shown:
+        return []
+    silent = [
+        lift(s, max(shown), stiffness, period) for s, gap in zip(seen, each, strict=True) if gap is None
+    ]
+    within = all(one.beyond < _LOST and one.astray < _HALF_ASTRAY for one in silent)
+    return shown if within else []
 
 
 def measure_gap(across: Across, gap: float, period: float) -> tuple[float, float]:

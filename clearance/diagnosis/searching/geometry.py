@@ -25,7 +25,7 @@ from clearance.diagnosis.kinematics.agreement import (
     profile,
 )
 from clearance.diagnosis.kinematics.carried import Carried, tell_clearance
-from clearance.diagnosis.kinematics.lift import Across, measure_gap, suggest_gap
+from clearance.diagnosis.kinematics.lift import gaps, measure_gap
 from clearance.diagnosis.kinematics.reconstruction import Reconstruction, reconstruct
 from clearance.diagnosis.kinematics.shaking import LIFTED
 from clearance.diagnosis.searching.explanation import Rails
@@ -201,10 +201,10 @@ def suggest_guide(search: Search, shown: Shown, most: float = RAILED) -> Dimensi
     seen = [path.across for path in paths if path.across is not None]
     if not seen or any(one.slider.std() < _SHOWN * one.doubt for one in seen):
         return None
-    gaps = _gaps(seen, stiffness, period)
-    if not gaps:
+    told = gaps(seen, stiffness, period)
+    if not told:
         return None
-    gap = max(gaps) if LIFTED in recordings[0].channels else min(gaps)
+    gap = max(told) if LIFTED in recordings[0].channels else min(told)
     size = np.array([gap])
     beside = profile(
         recordings, alignments, lambda c: hypothesis.apply(setting.with_clearance(c), size), workers
@@ -230,20 +230,14 @@ def _through_joint(
     clearance, share = tell_clearance(through)
     if share > _CARRIED:
         return None
-    gaps = _gaps([one.across(clearance) for one in through], stiffness, through[0].period)
-    if not gaps or max(gaps) > _ALIKE * min(gaps):
+    told = gaps([one.across(clearance) for one in through], stiffness, through[0].period)
+    if not told or max(told) > _ALIKE * min(told):
         return None
     search.report(
-        f"  through the loose joint the slider strikes rails that leave it {max(gaps) * 1e6:.3g} um on each "
+        f"  through the loose joint the slider strikes rails that leave it {max(told) * 1e6:.3g} um on each "
         f"side, with a clearance of {clearance * 1e3:.3f} mm: {share:.0%} of what disagrees are left"
     )
-    return Dimension(hypothesis, max(gaps), clearance, share)
-
-
-def _gaps(seen: Sequence[Across], stiffness: float, period: float) -> list[float]:
-    """What each recording shows; nothing where one of them does not speak of rails."""
-    gaps = [suggest_gap(one, stiffness, period) for one in seen]
-    return [gap for gap in gaps if gap is not None] if None not in gaps else []
+    return Dimension(hypothesis, max(told), clearance, share)
 
 
 def measure_rails(search: Search, guide: Dimension, shown: Shown) -> Rails:

@@ -11,7 +11,7 @@ from clearance.diagnosis.searching.edges import place_edges
 from clearance.diagnosis.searching.elsewhere import begin_elsewhere, begin_inside, begin_sure
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.parts import unfinished
-from clearance.diagnosis.searching.scrutiny import contest, hear, scrutinise
+from clearance.diagnosis.searching.scrutiny import compare_kinds, contest, hear, scrutinise
 from clearance.diagnosis.searching.search import Search
 from clearance.diagnosis.searching.shaken import begin_shaking
 from clearance.diagnosis.searching.significance import cushioned, incomplete, unsettled
@@ -35,10 +35,11 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
     nominal machine, too.
     Where nothing takes away what is too much for a machine with nothing missing, effects that a linear look
     is sure of, then small forces of free form, then effects that it cannot judge, are tried on paths of their
-    own. What was put together is followed anew. A named force must stand against one of free form in its
-    place, and again where it is left alone by pruning what is not needed. A nominal machine that explains is
-    fitted on the path of what explains more, and at last one that was lost. Of what a force without a name is
-    a function is asked last, and whether a sensor that shows too little may be turned.
+    own. What was put together is followed anew, and other kinds of the sensors' faults in it are fitted, too.
+    A named force must stand against one of free form in its place, and again where it is left alone by
+    pruning what is not needed. A nominal machine that explains is fitted on the path of what explains more,
+    and at last one that was lost. Of what a force without a name is a function is asked last, and whether a
+    sensor that shows too little may be turned.
 
     Args:
         search: after its nominal stage.
@@ -81,6 +82,7 @@ def find_explanation(search: Search, explanation: Explanation, keep: Callable[[E
             scrutinise(search, explanation)
     if explanation.best is not confirmed or incomplete(explanation.best):
         confirm(search, explanation, at_last=True)
+    compare_kinds(search, explanation)
     hear(explanation)
     contest(search, explanation)
     stood = explanation.best

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clearance.diagnosis.kinematics.agreement import profile
-from clearance.diagnosis.kinematics.lift import Across, lift, measure_gap, suggest_gap
+from clearance.diagnosis.kinematics.lift import Across, gaps, lift, measure_gap, suggest_gap
 from clearance.diagnosis.kinematics.reconstruction import reconstruct
 from clearance.mechanism.guide import LooseGuide
 from clearance.simulation.layout import Signal, State
@@ -68,6 +68,20 @@ def test_a_slider_that_swings_with_its_frame_shows_no_rails():
     acceleration = 30.0 * np.sin(2.0 * np.pi * 40.0 * time)
     swings = seen(acceleration)
     assert suggest_gap(replace(swings, push=-swings.push), STIFFNESS, PERIOD) is None
+
+
+def test_a_motion_that_is_lost_somewhere_does_not_speak_against_rails_which_another_one_shows():
+    _, _, acceleration = bounce(GAP, 6000)
+    sound, time = seen(acceleration), PERIOD * np.arange(6000)
+    lost = acceleration.copy()
+    lost[3000:3060] += 0.05 * acceleration.max()
+    lost = replace(sound, acceleration=seen(lost).acceleration)
+    swings = seen(30.0 * np.sin(2.0 * np.pi * 40.0 * time))
+    swings = replace(swings, push=-swings.push)
+    gap = suggest_gap(sound, STIFFNESS, PERIOD)
+    assert gaps([lost, sound], STIFFNESS, PERIOD) == [gap]
+    assert gaps([lost], STIFFNESS, PERIOD) == []
+    assert gaps([sound, swings], STIFFNESS, PERIOD) == []
 
 
 def test_a_slider_is_followed_by_a_sensor_that_moves_against_it():

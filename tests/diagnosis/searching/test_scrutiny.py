@@ -10,7 +10,7 @@ from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.searching import scrutiny
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint
-from clearance.diagnosis.searching.scrutiny import _compare_kinds, _compare_orders, look_beside_nominal
+from clearance.diagnosis.searching.scrutiny import _compare_orders, compare_kinds, look_beside_nominal
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.attempts import attempt
 
@@ -58,15 +58,22 @@ def test_the_look_beside_the_nominal_machine_is_taken_once(monkeypatch):
     assert (looked, other.hints) == ([nominal], ["another"])
 
 
-def test_kinds_of_a_sensors_fault_are_compared_up_to_the_one_that_was_found(monkeypatch):
+def test_other_kinds_of_a_sensors_fault_are_fitted_where_they_leave_nearly_as_little(monkeypatch):
     refitted = []
-    nominal, delay = attempt([], 1.1), attempt(["sensor_delay"], 1.0)
-    kinds = [SimpleNamespace(name=f"sensor_{kind}") for kind in ("resonance", "delay", "gain")]
-    monkeypatch.setattr(scrutiny, "kinds", lambda *_: [(kind, np.ones(1), 1.0) for kind in kinds])
-    monkeypatch.setattr(scrutiny, "beside", lambda base, held, values: (held, values))
-    nominal.followers, nominal.scale = [], 1.0
-    search = SimpleNamespace(late=lambda: False, refit=lambda _, held, *more: refitted.append(held[0].name))
-    for channel, expected in ((None, []), ("rod_c_axial", ["sensor_resonance"])):
-        delay.hypotheses[0].channel = channel
-        _compare_kinds(search, Explanation(nominal, [delay]), nominal)
-        assert refitted == expected
+    both = attempt(["gravity", "sensor_resonance"], 1.0)
+    both.followers, both.scale = [], 1.0
+    both.fit.values = np.array([[1e-4, -9.0, 3700.0, 0.7, 70.0], [1e-4, -9.0, 3700.0, 0.7, 80.0]])
+    both.hypotheses[0].unknowns, both.hypotheses[1].unknowns = [None], [None, None]
+    kinds = zip(("resonance", "delay", "gain"), (1.0, 1.1, 1.3), strict=True)
+    kinds = [(SimpleNamespace(name=f"sensor_{kind}"), np.array([6e-5]), left) for kind, left in kinds]
+    monkeypatch.setattr(scrutiny, "kinds", lambda *_: kinds)
+    search = SimpleNamespace(
+        late=lambda: False, refit=lambda _, held, followers, rows, *more: refitted.append((held, rows))
+    )
+    compare_kinds(search, Explanation(attempt([], 9.0), [both]))
+    assert refitted == []  # no sensor's fault
+    both.hypotheses[1].channel = "rod_c_axial"
+    compare_kinds(search, Explanation(attempt([], 9.0), [both]))
+    ((held, rows),) = refitted
+    assert [one.name for one in held] == ["gravity", "sensor_delay"]
+    assert rows.tolist() == [[1e-4, -9.0, 6e-5, 70.0], [1e-4, -9.0, 6e-5, 80.0]]
