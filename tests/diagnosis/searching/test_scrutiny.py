@@ -10,7 +10,12 @@ from clearance.diagnosis.hypotheses.hypothesis import Setting, gather
 from clearance.diagnosis.searching import scrutiny
 from clearance.diagnosis.searching.explanation import Explanation
 from clearance.diagnosis.searching.screening import Hint
-from clearance.diagnosis.searching.scrutiny import _compare_orders, compare_kinds, look_beside_nominal
+from clearance.diagnosis.searching.scrutiny import (
+    _compare_orders,
+    compare_kinds,
+    look_beside_nominal,
+    scrutinise,
+)
 from clearance.mechanism.slider_crank import SliderCrank
 from tests.diagnosis.attempts import attempt
 
@@ -56,6 +61,33 @@ def test_the_look_beside_the_nominal_machine_is_taken_once(monkeypatch):
     other = Explanation(nominal)
     look_beside_nominal(search, other, SimpleNamespace(singles=["another"]))
     assert (looked, other.hints) == ([nominal], ["another"])
+
+
+@pytest.mark.parametrize(("gain", "expected"), [(34.0, [0.999, 0.9]), (25.0, [])])
+def test_beside_a_nominal_machine_what_promises_more_than_nothing_missing_does_is_fitted(
+    monkeypatch, gain, expected
+):
+    """Begun where it has hardly begun, and whole where that gains little; a named one needs more."""
+    refitted = []
+    machine = Setting(SliderCrank(), "C").with_clearance(3e-4)
+    (group,) = gather(load_effects(["contact_stiffness"]), machine, "C", ("rod_c_axial",)).values()
+    hint = Hint((group[0],), np.array([0.9]), gain)
+    monkeypatch.setattr(scrutiny, "screen", lambda *_: SimpleNamespace(singles=[hint]))
+    monkeypatch.setattr(scrutiny, "beside", lambda base, held, values: (held, values))
+    for name in ("misheard", "rejoin_impacts"):
+        monkeypatch.setattr(scrutiny, name, lambda *_: [])
+    search = SimpleNamespace(
+        workers=1, most=2, others=lambda _: [group], late=lambda: False, report=lambda _: None,
+        refit=lambda explanation, held, followers, values, *more: refitted.append(float(values[0])),
+    )  # fmt: skip
+    nominal, heavy = attempt([], 1.0), attempt(["gravity"], 1.0)
+    for one in (nominal, heavy):
+        one.followers, one.scale = [], 1.0
+    scrutinise(search, Explanation(nominal))
+    assert refitted == pytest.approx(expected)
+    refitted.clear()
+    scrutinise(search, Explanation(attempt([], 9.0), [heavy]))
+    assert refitted == []
 
 
 def test_other_kinds_of_a_sensors_fault_are_fitted_where_they_leave_nearly_as_little(monkeypatch):
