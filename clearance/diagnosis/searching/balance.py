@@ -121,7 +121,7 @@ def suggest_forces(
     found = [one for one in [*singles, *clear] if one.cost < (1.0 - _TAKEN * one.sizes) * before]
     tables, own = list[Balanced](), 0.0
     if not (named or blind):  # a table would be of noise
-        tables = balance.tables(before)
+        tables = balance.tables(_FREE * before, before)
         found += [one for one in tables if one.cost < _FREE * before]
         if min((one.cost for one in found), default=before) > _RHYTHM * before and not search.late():
             least = min((one.cost for one in [*singles, *tables]), default=before)

@@ -207,8 +207,8 @@ class Balance:
                 found.append(values)
         return found
 
-    def tables(self, most: float) -> list[Balanced]:
-        """The cheapest force of free form over each argument, of those that cost less than ``most``."""
+    def tables(self, enough: float, most: float) -> list[Balanced]:
+        """The cheapest force of free form over each argument, as of ``_cheapest``."""
         arguments = {
             "crank_angle": np.concatenate([turning.angle % (2.0 * pi) for turning in self.turnings]),
             "rod_angle": np.concatenate(
@@ -220,7 +220,9 @@ class Balance:
         found = []
         for (body, direction), names in _TABLES.items():
             for argument in names:
-                found += self._cheapest(curve_over(arguments[argument], body, direction, argument), most)
+                found += self._cheapest(
+                    curve_over(arguments[argument], body, direction, argument), enough, most
+                )
         return found
 
     def rhythms(self, most: float) -> "list[Balanced]":
@@ -247,11 +249,15 @@ class Balance:
                 body, direction, "time", knots, np.ones(KNOTS), np.zeros(KNOTS), 0.0, 0.0,
                 period=rhythm.period,
             )  # fmt: skip
-            found += [replace(one, rhythm=rhythm, fewer=None) for one in clocked._cheapest(curve, most)]
+            found += [replace(one, rhythm=rhythm, fewer=None) for one in clocked._cheapest(curve, most, most)]
         return found
 
-    def _cheapest(self, coarse: Curve, most: float) -> "list[Balanced]":
-        """The cheapest table over an argument, coarse or fine, if it costs less than ``most``."""
+    def _cheapest(self, coarse: Curve, enough: float, most: float) -> "list[Balanced]":
+        """The cheapest table over an argument, coarse or fine, of those that leave less than ``most``.
+
+        One that leaves no more than ``enough`` comes first: the finer one says so where the coarser one just
+        fails to, and over the wrong argument the finer one would be all that is left.
+        """
         one = self._table(coarse)
         if one is None:
             return []
@@ -259,7 +265,7 @@ class Balance:
         coarse = replace(coarse, forces=one.values)
         finer = [self._table(refined(coarse, between)) for between in ("linear", "cubic")]
         each = [table for table in (one, *finer) if table is not None and table.cost < most]
-        best = sorted(each, key=lambda one: one.price)[:1]
+        best = sorted(each, key=lambda one: (one.cost > enough, one.price))[:1]
         # many knots are dear to follow with, but a high harmonic needs them
         finest = self._table(refined(refined(coarse, "cubic"), "cubic"))
         if finest is not None and finest.cost < min([most, *(_FINEST * one.cost for one in best)]):

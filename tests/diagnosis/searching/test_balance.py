@@ -255,7 +255,7 @@ def test_a_table_whose_load_the_reconstruction_counts_is_found_again_beside_it()
     drag = tuple(-2.8 * velocity)
     law = TabulatedForce("slider", "x", "slider_velocity", -4.5, velocity[1] - velocity[0], drag)
     search = traced(replace(NOMINAL, force=law))
-    tables = Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4).tables(np.inf)
+    tables = Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4).tables(np.inf, np.inf)
     table = next(one for one in tables if one.curve.argument == "slider_velocity")
     settled = settle_in(search, SETTING, table)
     inner = slice(2, -2)
@@ -267,7 +267,7 @@ def test_a_moment_on_the_rod_is_a_function_of_how_the_rod_is_turned():
     angle = np.linspace(-0.42, 0.42, 12)
     law = TabulatedForce("rod", "moment", "rod_angle", -0.42, angle[1] - angle[0], tuple(-9.0 * angle**3))
     search = traced(replace(NOMINAL, force=law))
-    tables = Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4).tables(np.inf)
+    tables = Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4).tables(np.inf, np.inf)
     table = next(one for one in tables if one.curve.argument == "rod_angle")
     assert (table.curve.body, table.curve.direction) == ("rod", "moment")
     inner = slice(1, -1)
@@ -294,17 +294,34 @@ def test_waves_are_told_by_a_spline():
     search = traced(replace(NOMINAL, ripple=TorqueRipple(1.5, 6.0, 0.7)))
     balance = Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4)
     before = balance.fit((), np.zeros(0)).cost
-    (table,) = (one for one in balance.tables(0.65 * before) if one.curve.body == "crank")
+    (table,) = (one for one in balance.tables(0.65 * before, 0.65 * before) if one.curve.body == "crank")
     assert (table.curve.interpolation, len(table.values)) == ("cubic", 24)
     wave = 1.5 * np.cos(6.0 * table.curve.knots + 0.7)
     assert np.corrcoef(table.values, wave)[0, 1] > 0.98
-    assert balance.tables(0.0) == []
+    assert balance.tables(0.0, 0.0) == []
+
+
+def test_a_finer_table_says_enough_where_a_coarser_one_fails_to():
+    search = traced(replace(NOMINAL, process=ConstantProcess(30.0, 0.117, 0.131)))
+    balance = Balance(search, SETTING, SETTING.with_clearance(3e-4), 3e-4)
+
+    def over_place(enough):
+        tables = balance.tables(enough, np.inf)
+        return next(one for one in tables if one.curve.argument == "slider_position")
+
+    cheapest = over_place(np.inf)
+    said = over_place(0.99 * cheapest.cost)
+    assert len(cheapest.values) == 12
+    assert len(said.values) == 23
+    assert said.cost <= 0.99 * cheapest.cost
+    assert said.price > cheapest.price
+    assert over_place(0.0).label == cheapest.label  # none says enough
 
 
 def test_a_force_without_a_name_is_a_table_and_what_is_inside_a_joint_does_no_work():
     search = traced(replace(NOMINAL, spring=LinearSpring(400.0, 0.11)))
     balance = Balance(search, SETTING, SETTING.with_clearance(search.profile.best), search.profile.best)
-    tables = [one for one in balance.tables(np.inf) if one.curve.body == "slider"]
+    tables = [one for one in balance.tables(np.inf, np.inf) if one.curve.body == "slider"]
     place = next(one for one in tables if one.curve.argument == "slider_position")
     force = -400.0 * (place.curve.knots - 0.11)
     np.testing.assert_allclose(place.values, force, atol=1.5)  # at dead centres, where it does no work, too

@@ -1,5 +1,6 @@
 """A shoe that rattles in its guide: islands are tried until one is followed."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -35,6 +36,7 @@ def rails(monkeypatch, suggested):
     monkeypatch.setattr(
         rattling, "_first", lambda search, model, rows, *_: tried.append((model, rows[0].tolist()))
     )
+    monkeypatch.setattr(rattling, "settle_in", lambda search, setting, one: replace(one, clearance=9e-5))
     setting = SimpleNamespace(
         added=lambda held, sizes: None, model=lambda held: tuple(one.name for one in held)
     )  # fmt: skip
@@ -62,7 +64,7 @@ def force(name, cost):
     ("costs", "most", "expected"),
     [
         ([3.3, 3.8, 3.9], 2, ["soft_drive", "rod_inertia", ""]),
-        ([6.0, 6.1, 6.2], 2, [""]),  # as much as strikes leave
+        ([8.0, 8.1, 8.2], 2, [""]),  # as much as strikes leave
         ([2.0, 3.8, 3.9], 2, ["soft_drive"]),  # beyond doubt
         ([3.3, 3.8, 3.9], 1, [""]),
     ],
@@ -77,7 +79,9 @@ def test_between_rails_recordings_are_followed_with_the_forces_that_go_with_thes
     assert begin_guide(search, explanation)
     names = [tuple(["guide_clearance", *([one] if one else [])]) for one in expected]
     assert [one for one, _ in tried[: len(names)]] == names
-    assert tried[0][1] == pytest.approx([1e-4, 7e-5, *([5.0] if expected[0] else []), 700.0])
+    sizes, clearance = ([5.0], 9e-5) if expected[0] else ([], 1e-4)
+    assert tried[0][1] == pytest.approx([clearance, 7e-5, *sizes, 700.0])
+    assert tried[len(names) - 1][1][0] == (1e-4 if expected[-1] == "" else 9e-5)
     assert len(tried) == len(names) * len(rattling._TRIES)
 
 
@@ -92,6 +96,7 @@ def test_a_force_beyond_doubt_is_known_though_no_path_is_found(monkeypatch, cost
     begin_guide(search, explanation)
     assert [one.name for one in explanation.rails.beside] == (["soft_drive"] if named else [])
     np.testing.assert_allclose(explanation.rails.sizes, [5.0] if named else [])
+    assert explanation.rails.clearance == (9e-5 if named else 1e-4)  # what goes with the force
     np.testing.assert_allclose(explanation.rails.deviations, [1e-5, 7e-6, *([0.25] if named else [])])
 
 
