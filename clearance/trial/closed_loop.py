@@ -7,8 +7,6 @@ runs for as long. All read recordings of the independent plant with the case's e
 of its own, which no training and no diagnosis has seen.
 """
 
-import subprocess
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -26,9 +24,8 @@ from clearance.mechanism.description import write_mechanism
 from clearance.mechanism.parameters import TABLE_KNOTS, require, require_list
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.models.gauge import Estimate
-from clearance.models.run_folder import METRICS
 from clearance.predict import estimate_file, load_gauge
-from clearance.processes import end, environment, quoted
+from clearance.processes import quoted
 from clearance.provenance import describe
 from clearance.trial.case import Case, Session
 from clearance.trial.draw import Scope
@@ -37,12 +34,11 @@ from clearance.trial.plant import ACCELERATIONS, ExtraForce, write_parquet
 from clearance.trial.repertoire import FORCES
 from clearance.trial.reveal import Revealed
 from clearance.trial.score import item_of
+from clearance.trial.trainings import PLAN, Training, train_all
 from clearance.whole_files import read_json, write_atomically, write_json
 
 LOOP, RESULT = "loop", "closed_loop.json"
-_PLAN = "plan.json"  # what was asked for
 ESTIMATORS = ("nominal", "corrected", "true", "random")
-_BEGUN, _BEGUN_RANDOM = "nominal_begun", "random_begun"
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # multiples of it fill an interval evenly
 _GAP = 0.5  # percent between the nominal and the true simulator: what is closed of less is chance
 _TOUCHING = 2.0  # times a worn bore's amplitude: less clearance would close the gap
@@ -124,22 +120,26 @@ def close_loop(
         cases: after the reveal.
         folder: of the trial.
         loop: how.
-        parallel: recordings that are simulated at a time.
+        parallel: recordings that are simulated, and networks that are trained, at a time.
         report: called with progress.
 
     Returns:
         A row a case: mean absolute errors in percent of ``label_range`` by estimator, and of the diagnosis.
     """
+    tests = {}
+    for case in (one.case for one in cases):
+        tests[case.name] = record(case, folder / LOOP / case.name / "tests", loop, parallel)
+        report(
+            f"{case.name}: {len(tests[case.name])} recordings of a machine with {' and '.join(case.missing)}"
+        )
+    trained = _trained(cases, folder / LOOP, loop, parallel, report)
     rows = []
     for one in cases:
-        case, place = one.case, folder / LOOP / one.case.name
-        tests = record(case, place / "tests", loop, parallel)
-        report(f"{case.name}: {len(tests)} recordings of a machine with {' and '.join(case.missing)}")
-        runs = _trained(one, folder / LOOP, loop, report)
-        gauges = {name: load_gauge(run) for name, run in runs.items()}
-        found = {name: [estimate_file(gauge, path)[0] for path, _ in tests] for name, gauge in gauges.items()}
-        row = score(one, [true for _, true in tests], found, loop)
-        write_json(place / RESULT, row)
+        case, read = one.case, tests[one.case.name]
+        gauges = {name: load_gauge(run) for name, run in trained[case.name].items()}
+        found = {name: [estimate_file(gauge, path)[0] for path, _ in read] for name, gauge in gauges.items()}
+        row = score(one, [true for _, true in read], found, loop)
+        write_json(folder / LOOP / case.name / RESULT, row)
         rows.append(row)
         errors = ", ".join(f"{name} {row['error'][name]:.2f} %" for name in found)
         report(f"{case.name}: mean errors of the clearance: {errors}")
@@ -155,7 +155,7 @@ def record(case: Case, folder: Path, loop: Loop, parallel: int) -> list[tuple[Pa
         InputError: others than these were made there, or no machine runs.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    plan, asked = folder / _PLAN, describe([case.to_json(), *_asked(loop)])
+    plan, asked = folder / PLAN, describe([case.to_json(), *_asked(loop)])
     if plan.exists() and read_json(plan, "folder") != asked:
         raise InputError(
             f"{folder} holds recordings of another machine or loop; set folder to another one, or loop back"
@@ -232,53 +232,70 @@ def _table(force: Mapping[str, Any]) -> TabulatedForce:
     )  # fmt: skip
 
 
-def _trained(one: Revealed, folder: Path, loop: Loop, report: Callable[[str], None]) -> dict[str, Path]:
-    """The folder of each estimator's training; what is not there is trained.
+def _trained(
+    cases: Sequence[Revealed], folder: Path, loop: Loop, parallel: int, report: Callable[[str], None]
+) -> dict[str, dict[str, Path]]:
+    """The folder of each estimator's training, by case; what is not there is trained.
 
     A machine that the diagnosis got so wrong that it cannot be trained on leaves the nominal estimator.
     """
+    plans = {one.case.name: _plans(one, folder, loop) for one in cases}
+    failed = dict[Path, str]()
+    for goes_on in (False, True):  # those that the others go on from come first
+        wanted = {
+            plan.place: plan
+            for each in plans.values()
+            for name, plan in each.items()
+            if (name in ESTIMATORS) == goes_on
+        }
+        failed |= train_all(list(wanted.values()), parallel, report)
+    trained = {case: {name: each[name].place for name in ESTIMATORS} for case, each in plans.items()}
+    for case, runs in trained.items():
+        if runs["corrected"] in failed:
+            report(f"{case}: {failed[runs['corrected']]}; it counts as not corrected")
+            runs["corrected"] = runs["nominal"]
+    return trained
+
+
+def _plans(one: Revealed, folder: Path, loop: Loop) -> dict[str, Training]:
+    """The trainings of a case, by estimator; those that others go on from, too."""
     case, own = one.case, folder / one.case.name
+    own.mkdir(parents=True, exist_ok=True)
     truth, corrected = own / "truth.yaml", own / CORRECTED
     write_mechanism(truth, true_machine(case), "what was true of the case")
     low, high = _clearances(case, loop)
     said = max(low, _TOUCHING * _lobes(one.corrected, case.joint))  # may be larger than they are
-
-    def of_all(name: str) -> Path:
-        return folder / f"{name}_{case.joint}"
-
-    def on(begun: str, low: float) -> list[str]:
-        drawn = f"campaign.clearance_range=[{low},{high}]"
-        return [f"begin={quoted(of_all(begun))}", drawn, *loop.goes_on]
-
     names = {"{joint}": case.joint.lower(), "{other}": "c" if case.joint == "B" else "b"}
     random = [_filled(override, names) for override in loop.random]
+
+    def of_all(name: str, *more: str) -> Training:
+        title = f"the {name} estimator of joint {case.joint}"
+        place = folder / f"{name}_{case.joint}"
+        return Training(title, place, (f"joint={case.joint}", *loop.train, *more))
+
+    def of_case(name: str, machine: Path, low: float) -> Training:
+        more = (f"joint={case.joint}", *loop.train, f"mechanism={machine.resolve()}", *on(begun, low))
+        return Training(f"the {name} estimator of {case.name}", own / name, more, name == "corrected")
+
+    def on(begun: Training, low: float) -> list[str]:
+        drawn = f"campaign.clearance_range=[{low},{high}]"
+        return [f"begin={quoted(begun.place)}", drawn, *loop.goes_on]
+
+    begun, begun_random = of_all("nominal_begun"), of_all("random_begun", *random)
     plans = {
-        _BEGUN: (of_all(_BEGUN), list[str]()),
-        _BEGUN_RANDOM: (of_all(_BEGUN_RANDOM), random),
-        "nominal": (of_all("nominal"), on(_BEGUN, loop.clearance_range[0])),
-        "corrected": (own / "corrected", [f"mechanism={corrected.resolve()}", *on(_BEGUN, said)]),
-        "true": (own / "true", [f"mechanism={truth.resolve()}", *on(_BEGUN, low)]),
-        "random": (of_all("random"), [*random, *on(_BEGUN_RANDOM, loop.clearance_range[0])]),
+        "nominal_begun": begun,
+        "random_begun": begun_random,
+        "nominal": of_all("nominal", *on(begun, loop.clearance_range[0])),
+        "corrected": of_case("corrected", corrected, said),
+        "true": of_case("true", truth, low),
+        "random": of_all("random", *random, *on(begun_random, loop.clearance_range[0])),
     }
     if one.corrected is None:  # no verdict: nothing was corrected
         plans["corrected"] = plans["nominal"]
     else:
         text = one.corrected
         write_atomically(corrected, lambda file: file.write_text(text, encoding="utf-8"))
-    trained = {name: plans[name][0] for name in ESTIMATORS}
-    for name, (place, more) in plans.items():
-        overrides = [f"joint={case.joint}", *loop.train, *more]
-        done = (place / METRICS).exists() and (place / _PLAN).exists()
-        if not done or read_json(place / _PLAN, "folder") != overrides:  # the training itself refuses others
-            report(f"{case.name}: training on the {name} simulator")
-            try:
-                _train(place, overrides)
-            except InputError as error:
-                if name != "corrected":
-                    raise
-                report(f"{case.name}: {error}; it counts as not corrected")
-                trained[name] = trained["nominal"]
-    return trained
+    return plans
 
 
 def _lobes(corrected: str | None, joint: str) -> float:
@@ -291,29 +308,6 @@ def _filled(text: str, names: Mapping[str, str]) -> str:
     for name, value in names.items():
         text = text.replace(name, value)
     return text
-
-
-def _train(place: Path, overrides: Sequence[str]) -> None:
-    """Train in a process of its own, which ends with this one."""
-    place.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-m", "clearance.train", *overrides, f"hydra.run.dir={quoted(place)}"]
-    log = place / "output.txt"
-    with log.open("wb") as out:
-        process = subprocess.Popen(
-            command, stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True,
-            env=environment(),
-        )  # fmt: skip
-        try:
-            code = process.wait()
-        finally:
-            end(process)
-    if code != 0:
-        lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        raise InputError(
-            f"{place}: a training ended with exit code {code}: {lines[-1][:300] if lines else 'no output'}; "
-            f"see {log}; change loop.train, loop.goes_on or loop.random"
-        )
-    write_json(place / _PLAN, list(overrides))
 
 
 def score(

@@ -16,7 +16,7 @@ from clearance.mechanism.applied_force import shares
 from clearance.mechanism.description import read_path, write_mechanism
 from clearance.mechanism.slider_crank import SliderCrank
 from clearance.models.gauge import Estimate
-from clearance.trial import closed_loop, pictures
+from clearance.trial import closed_loop, pictures, trainings
 from clearance.trial.case import Case, Session
 from clearance.trial.closed_loop import (
     ESTIMATORS,
@@ -188,13 +188,14 @@ def test_the_loop_is_closed_once_for_every_case(tmp_path):
     write_mechanism(tmp_path / "said.yaml", replace(true_machine(HEAVY), gravity=(0.0, -9.5)))
     one = revealed(HEAVY, corrected=(tmp_path / "said.yaml").read_text())
     lines = []
-    (row,) = close_loop([one], tmp_path, LOOP, 1, lines.append)
+    (row,) = close_loop([one], tmp_path, LOOP, 2, lines.append)
     assert set(row["error"]) == set(ESTIMATORS)
     assert len({tuple(values) for values in row["estimates_m"].values()}) == 4
-    assert sum("training on the" in line for line in lines) == 6
+    assert sum(line.startswith("training the") for line in lines) == 6
+    assert "6 of 6" not in " ".join(lines)  # two rounds: none is begun before what it goes on from is there
     lines.clear()
     assert close_loop([one], tmp_path, LOOP, 1, lines.append) == [row]
-    assert not any("training on the" in line for line in lines)
+    assert not any("training" in line for line in lines)
     (tmp_path / LOOP_FOLDER / "nominal_begun_B" / "plan.json").unlink()  # killed before it was written
     assert close_loop([one], tmp_path, LOOP, 1, lines.append) == [row]
     pictures.loop([row]).savefig(tmp_path / "loop.png")
@@ -212,30 +213,28 @@ def test_the_loop_is_closed_once_for_every_case(tmp_path):
         assert config["data_seed"] == (2 if begin else 1)
 
 
-def test_a_bore_that_is_said_to_be_worn_is_not_closed_either(tmp_path, monkeypatch):
-    asked = []
-    monkeypatch.setattr(closed_loop, "_train", lambda place, overrides: asked.extend(overrides))
+def test_a_bore_that_is_said_to_be_worn_is_not_closed_either(tmp_path):
     worn = replace(NULL, effects={"worn_bearing": {"amplitude": 1e-4, "order": 2, "phase": 0.0}})
     (tmp_path / HEAVY.name).mkdir()
     write_mechanism(tmp_path / "said.yaml", true_machine(worn))
-    closed_loop._trained(
-        revealed(HEAVY, corrected=(tmp_path / "said.yaml").read_text()), tmp_path, LOOP, lambda _: None
-    )
+    said = revealed(HEAVY, corrected=(tmp_path / "said.yaml").read_text())
+    plans = closed_loop._plans(said, tmp_path, LOOP)
     low, high = LOOP.clearance_range
-    drawn = [one for one in asked if one.startswith("campaign.clearance_range=")]
-    assert drawn == [f"campaign.clearance_range=[{low_of},{high}]" for low_of in (low, 2e-4, low, low)]
+    for name in ESTIMATORS:
+        least = 2e-4 if name == "corrected" else low
+        assert f"campaign.clearance_range=[{least},{high}]" in plans[name].overrides
 
 
 def test_a_corrected_machine_that_cannot_be_trained_on_counts_as_not_corrected(tmp_path, monkeypatch):
-    def train(place, overrides):
-        if place.name == "corrected":
-            raise InputError(f"{place}: a training ended with exit code 2")
+    def train(one, *_):
+        if one.place.name == "corrected":
+            raise InputError(f"{one.place}: a training ended with exit code 2")
 
-    monkeypatch.setattr(closed_loop, "_train", train)
+    monkeypatch.setattr(trainings, "_train", train)
     (tmp_path / HEAVY.name).mkdir()
     write_mechanism(tmp_path / "said.yaml", true_machine(HEAVY))
     one, told = revealed(HEAVY, corrected=(tmp_path / "said.yaml").read_text()), []
-    runs = closed_loop._trained(one, tmp_path, LOOP, told.append)
+    runs = closed_loop._trained([one], tmp_path, LOOP, 1, told.append)[HEAVY.name]
     assert runs["corrected"] == runs["nominal"] == tmp_path / "nominal_B"
     assert runs["true"] == tmp_path / HEAVY.name / "true"
     assert any("it counts as not corrected" in line for line in told)
