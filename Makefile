@@ -32,7 +32,7 @@ trial: $(READY)  ## diagnose 12 machines whose truth is sealed, then reveal and 
 study: $(READY)  ## the paper's tables and figures, as far as budget=2h goes: docs/results/study/SCALE/RESULTS.md; again to go on; scale=paper is unreduced: months
 	$(RUN) clearance.study budget=$(budget) scale=$(scale)
 
-test: $(READY) lint type arch  ## everything that must pass before a change lands (about 10 minutes on two cores)
+test: $(READY) lint type arch  ## everything that must pass before a change lands (13 to 26 minutes on two cores)
 	OMP_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile -m 'not slow and not gpu and not slurm'
 
 test-all: $(READY) lint type arch  ## the long checks too
